@@ -1,0 +1,93 @@
+//! Where frames come from: recordings on disk, made scenes, sensors.
+
+use crate::image::Image;
+use crate::math::{Pinhole, Pose};
+
+/// One colour + depth pair as a source delivers it: same camera, same size, rectified, registered.
+#[derive(Clone, Debug)]
+pub struct RawFrame {
+    /// Position in the sequence, counted from 0.
+    pub index: usize,
+    pub timestamp_s: f64,
+    /// 8-bit sRGB as recorded (after undistortion).
+    pub color: Image<[u8; 3]>,
+    /// z-depth in metres; missing = 0.0.
+    pub depth_m: Image<f32>,
+    /// Recorded pose, where the recording has one for this frame.
+    pub world_from_camera: Option<Pose>,
+    pub exposure_s: Option<f32>,
+}
+
+/// A frame after the Input stage.
+#[derive(Clone, Debug, Default)]
+pub struct RgbdFrame {
+    pub index: usize,
+    pub timestamp_s: f64,
+    /// The camera image as recorded; what virtual objects are composed into.
+    pub color_srgb: Image<[u8; 3]>,
+    /// Noise-filtered linear-light RGB in [0, 1].
+    pub color: Image<[f32; 3]>,
+    /// Noise-filtered encoded luma in 8-bit steps, [0, 255].
+    pub intensity: Image<f32>,
+    /// z-depth in metres; missing = 0.0.
+    pub depth_m: Image<f32>,
+    pub world_from_camera: Option<Pose>,
+}
+
+/// Anything that yields frames in order of time.
+pub trait FrameSource: Send {
+    /// The one camera of all frames.
+    fn camera(&self) -> Pinhole;
+
+    /// Number of frames, where known beforehand.
+    fn len(&self) -> Option<usize>;
+
+    fn is_empty(&self) -> bool {
+        self.len() == Some(0)
+    }
+
+    /// The next frame, `None` at the end. An error concerns one frame: asking again continues
+    /// with the frame after it.
+    fn next_frame(&mut self) -> Result<Option<RawFrame>, CaptureError>;
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum CaptureError {
+    #[error("{path}: {source}")]
+    Io { path: String, source: std::io::Error },
+    #[error("{path}:{line}: {problem}")]
+    Line { path: String, line: usize, problem: String },
+    #[error("{path}: {problem}")]
+    File { path: String, problem: String },
+    #[error("frame {frame}: {problem}")]
+    Frame { frame: usize, problem: String },
+    #[error("{0}")]
+    Sequence(String),
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColorFilter {
+    None,
+    /// 3x3 Gaussian on linear light.
+    #[default]
+    Gaussian,
+    /// 3x3 median per channel.
+    Median,
+}
+
+/// Input stage.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InputParams {
+    pub color_filter: ColorFilter,
+    /// Depth outside [min, max] is missing.
+    pub min_depth_m: f32,
+    pub max_depth_m: f32,
+}
+
+impl Default for InputParams {
+    fn default() -> Self {
+        Self { color_filter: ColorFilter::default(), min_depth_m: 0.2, max_depth_m: 8.0 }
+    }
+}

@@ -1,0 +1,1 @@
+//! Measures: light direction, trajectory, picture error.

@@ -1,0 +1,78 @@
+//! Light from the camera image: least squares on transfer (Gruber et al. 2015, Sec. 5.2).
+
+use crate::math::sh;
+use glam::Vec3;
+
+/// Incident radiance as spherical harmonics in world axes, times the scene's mean albedo
+/// (albedo and light cannot be told apart from one picture).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ShLight {
+    pub bands: usize,
+    /// `bands * bands` coefficients, linear RGB. A one-channel estimate has three equal channels.
+    pub coefficients: Vec<[f32; 3]>,
+}
+
+impl ShLight {
+    pub fn luminance(&self) -> Vec<f32> {
+        self.coefficients.iter().map(|&c| crate::math::color::luminance(c)).collect()
+    }
+
+    /// Unit vector towards the light, from band 1 of the luminance; `None` where that is zero.
+    pub fn dominant_direction(&self) -> Option<Vec3> {
+        sh::dominant_direction(&self.luminance())
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightChannels {
+    /// White light, as in the paper.
+    #[default]
+    Intensity,
+    /// Three channels that share one factorisation.
+    Rgb,
+}
+
+/// LightEst stage.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LightParams {
+    pub channels: LightChannels,
+    /// Tikhonov weight relative to the mean eigenvalue (trace / n) of the normal equations.
+    pub tikhonov: f64,
+    /// The penalty of band l is multiplied by (l (l + 1))^band_power; 0 treats all bands alike.
+    pub band_power: f64,
+    /// Huber threshold in robust standard deviations of the residual; 0 is plain least squares.
+    pub huber: f32,
+    /// Share of the accumulated normal equations that is kept from one frame to the next.
+    pub memory: f64,
+    /// The past is dropped where the residual grows by this factor.
+    pub change_factor: f64,
+    /// Pixels whose brightest channel (encoded, [0, 1]) is above are saturated; below, black.
+    pub max_encoded: f32,
+    pub min_encoded: f32,
+    /// Pixels seen at a cosine below this have no reliable normal.
+    pub min_cosine: f32,
+    /// Every n-th pixel in x and y is used (not finer than the transfer).
+    pub stride: usize,
+    /// What the scene's mean albedo is taken to be where an absolute one is needed.
+    pub mean_albedo: f32,
+}
+
+impl Default for LightParams {
+    fn default() -> Self {
+        Self {
+            channels: LightChannels::default(),
+            tikhonov: 0.1,
+            band_power: 0.0,
+            huber: 1.345,
+            memory: 0.9,
+            change_factor: 1.5,
+            max_encoded: 0.98,
+            min_encoded: 0.02,
+            min_cosine: 0.2,
+            stride: 2,
+            mean_albedo: 0.5,
+        }
+    }
+}

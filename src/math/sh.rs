@@ -1,0 +1,171 @@
+//! Real orthonormal spherical harmonics without Condon-Shortley sign: index `l (l + 1) + m`, all
+//! constants positive, so band 1 is `0.488603 * (y, z, x)`.
+
+use glam::{DVec3, Vec3};
+use std::f64::consts::PI;
+
+pub const MAX_BANDS: usize = 6;
+pub const MAX_COEFFICIENTS: usize = MAX_BANDS * MAX_BANDS;
+
+/// Coefficients of `bands` bands.
+pub const fn coefficients(bands: usize) -> usize {
+    bands * bands
+}
+
+/// The basis functions Y of the first `bands` bands in a unit direction, written to
+/// `out[..bands * bands]`.
+///
+/// Uses Re and Im of (x + iy)^m, so that the poles need no special case.
+pub fn basis_f64(direction: DVec3, bands: usize, out: &mut [f64]) {
+    assert!((1..=MAX_BANDS).contains(&bands), "1 to {MAX_BANDS} bands, not {bands}");
+    let (x, y, z) = (direction.x, direction.y, direction.z);
+    let (mut re, mut im) = (1.0, 0.0);
+    let mut diagonal = 1.0; // P_m^m / sin^m = (2m - 1)!!
+    for m in 0..bands {
+        let (mut previous, mut current) = (0.0, diagonal);
+        for l in m..bands {
+            let k = normalisation(l, m);
+            if m == 0 {
+                out[l * (l + 1)] = k * current;
+            } else {
+                let k = k * std::f64::consts::SQRT_2 * current;
+                out[l * (l + 1) + m] = k * re;
+                out[l * (l + 1) - m] = k * im;
+            }
+            let next =
+                (z * (2 * l + 1) as f64 * current - (l + m) as f64 * previous) / (l + 1 - m) as f64;
+            previous = current;
+            current = next;
+        }
+        (re, im) = (re * x - im * y, re * y + im * x);
+        diagonal *= (2 * m + 1) as f64;
+    }
+}
+
+fn normalisation(l: usize, m: usize) -> f64 {
+    let ratio: f64 = ((l - m + 1)..=(l + m)).map(|k| k as f64).product();
+    ((2 * l + 1) as f64 / (4.0 * PI) / ratio).sqrt()
+}
+
+/// f32 form of [`basis_f64`].
+pub fn basis(direction: Vec3, bands: usize) -> [f32; MAX_COEFFICIENTS] {
+    let mut out = [0.0; MAX_COEFFICIENTS];
+    basis_f64(direction.as_dvec3(), bands, &mut out);
+    out.map(|v| v as f32)
+}
+
+/// Zonal factors of the clamped cosine: a function with coefficients c_lm, seen through
+/// max(0, n.w), integrates to sum A_l c_lm Y_lm(n) (Ramamoorthi and Hanrahan 2001).
+pub const CLAMPED_COSINE: [f64; MAX_BANDS] = [PI, 2.0 * PI / 3.0, PI / 4.0, 0.0, -PI / 24.0, 0.0];
+
+/// Transfer of an unoccluded surface with this normal: (1/pi) integral max(0, n.w) Y(w) dw.
+pub fn unoccluded_transfer(normal: Vec3, bands: usize) -> [f32; MAX_COEFFICIENTS] {
+    let mut out = [0.0; MAX_COEFFICIENTS];
+    basis_f64(normal.as_dvec3(), bands, &mut out);
+    for l in 0..bands {
+        for value in &mut out[l * l..(l + 1) * (l + 1)] {
+            *value *= CLAMPED_COSINE[l] / PI;
+        }
+    }
+    out.map(|v| v as f32)
+}
+
+/// Unit vector towards the light from band 1 of a light; `None` where band 1 is zero.
+pub fn dominant_direction(coefficients: &[f32]) -> Option<Vec3> {
+    let [_, y, z, x, ..] = *coefficients else { return None };
+    Vec3::new(x, y, z).try_normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points of a Fibonacci sphere.
+    fn sphere(n: usize) -> impl Iterator<Item = DVec3> {
+        let golden = PI * (3.0 - 5f64.sqrt());
+        (0..n).map(move |i| {
+            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
+            let r = (1.0 - z * z).sqrt();
+            let phi = golden * i as f64;
+            DVec3::new(r * phi.cos(), r * phi.sin(), z)
+        })
+    }
+
+    #[test]
+    fn named_constants_and_signs() {
+        let d = DVec3::new(0.36, 0.48, 0.8);
+        let mut y = [0.0; MAX_COEFFICIENTS];
+        basis_f64(d, 4, &mut y);
+        let expected = [
+            0.282095,
+            0.488603 * d.y,
+            0.488603 * d.z,
+            0.488603 * d.x,
+            1.092548 * d.x * d.y,
+            1.092548 * d.y * d.z,
+            0.315392 * (3.0 * d.z * d.z - 1.0),
+            1.092548 * d.x * d.z,
+            0.546274 * (d.x * d.x - d.y * d.y),
+            0.590044 * d.y * (3.0 * d.x * d.x - d.y * d.y),
+            2.890611 * d.x * d.y * d.z,
+            0.457046 * d.y * (5.0 * d.z * d.z - 1.0),
+            0.373176 * d.z * (5.0 * d.z * d.z - 3.0),
+            0.457046 * d.x * (5.0 * d.z * d.z - 1.0),
+            1.445306 * d.z * (d.x * d.x - d.y * d.y),
+            0.590044 * d.x * (d.x * d.x - 3.0 * d.y * d.y),
+        ];
+        for (i, (a, e)) in y.iter().zip(expected).enumerate() {
+            // the printed constants have six decimals
+            assert!((a - e).abs() < 2e-6, "coefficient {i}: {a} against {e}");
+        }
+    }
+
+    #[test]
+    fn basis_is_orthonormal() {
+        let n = 20_000;
+        let mut gram = vec![0.0; MAX_COEFFICIENTS * MAX_COEFFICIENTS];
+        let mut y = [0.0; MAX_COEFFICIENTS];
+        for d in sphere(n) {
+            basis_f64(d, MAX_BANDS, &mut y);
+            for i in 0..MAX_COEFFICIENTS {
+                for j in 0..MAX_COEFFICIENTS {
+                    gram[i * MAX_COEFFICIENTS + j] += y[i] * y[j] * 4.0 * PI / n as f64;
+                }
+            }
+        }
+        for i in 0..MAX_COEFFICIENTS {
+            for j in 0..MAX_COEFFICIENTS {
+                let e = if i == j { 1.0 } else { 0.0 };
+                // error of the Fibonacci rule with 20000 points on polynomials of degree 10
+                assert!((gram[i * MAX_COEFFICIENTS + j] - e).abs() < 1e-3, "{i} {j}");
+            }
+        }
+    }
+
+    #[test]
+    fn clamped_cosine_matches_quadrature() {
+        let normal = DVec3::new(-0.48, 0.6, 0.64);
+        let n = 200_000;
+        let mut sum = [0.0; MAX_COEFFICIENTS];
+        let mut y = [0.0; MAX_COEFFICIENTS];
+        for d in sphere(n) {
+            basis_f64(d, MAX_BANDS, &mut y);
+            let w = normal.dot(d).max(0.0) * 4.0 / n as f64;
+            sum.iter_mut().zip(y).for_each(|(s, y)| *s += w * y);
+        }
+        let analytic = unoccluded_transfer(normal.as_vec3(), MAX_BANDS);
+        for i in 0..MAX_COEFFICIENTS {
+            assert!((sum[i] - f64::from(analytic[i])).abs() < 1e-4, "{i}");
+        }
+    }
+
+    #[test]
+    fn dominant_direction_points_towards_the_light() {
+        for towards in [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z] {
+            let light = basis(towards, 2);
+            let found = dominant_direction(&light).unwrap();
+            assert!(found.dot(towards) > 0.999_999);
+        }
+        assert!(dominant_direction(&[1.0, 0.0, 0.0, 0.0]).is_none());
+    }
+}
