@@ -28,6 +28,7 @@ pub mod compositing;
 
 pub mod eval;
 
+pub mod config;
 pub mod image;
 pub mod math;
 pub mod mesh;

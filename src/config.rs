@@ -1,0 +1,256 @@
+//! All settings of a run as one value. Presets are differences from the defaults, see [`presets`].
+
+pub mod presets;
+
+use crate::capture::InputParams;
+use crate::compositing::CompositingParams;
+use crate::fusion::{SurfaceParams, VolumeParams};
+use crate::geometry::DynGeoParams;
+use crate::lighting::LightParams;
+use crate::math::sh;
+use crate::tracking::TrackingParams;
+use crate::transfer::{BounceParams, TransferParams};
+use serde::{Deserialize, Serialize};
+
+/// One struct per stage, in the order of the data flow. The TOML file has the same keys.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    pub input: InputParams,
+    pub tracking: TrackingParams,
+    pub volume: VolumeParams,
+    pub surface: SurfaceParams,
+    pub dyn_geo: DynGeoParams,
+    pub transfer: TransferParams,
+    pub bounce: BounceParams,
+    pub light: LightParams,
+    pub compositing: CompositingParams,
+}
+
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum SettingsError {
+    #[error("no preset is called '{name}'; there are: {known}")]
+    UnknownPreset { name: String, known: String },
+    #[error("setting '{given}' is not of the form field=value")]
+    NotAnAssignment { given: String },
+    #[error("no setting is called '{key}'; '{parent}' has: {known}")]
+    UnknownKey { key: String, parent: String, known: String },
+    #[error("{key}: {problem}")]
+    Value { key: String, problem: String },
+    #[error("{file}: {problem}")]
+    File { file: String, problem: String },
+    #[error("settings out of range:\n  {}", .0.join("\n  "))]
+    OutOfRange(Vec<String>),
+}
+
+impl Settings {
+    pub fn preset(name: &str) -> Result<Self, SettingsError> {
+        presets::settings(name)
+    }
+
+    /// Reads a TOML file on top of these settings: what the file does not name stays.
+    pub fn merge_file(&mut self, path: &std::path::Path) -> Result<(), SettingsError> {
+        let at =
+            |problem: String| SettingsError::File { file: path.display().to_string(), problem };
+        let text = std::fs::read_to_string(path).map_err(|e| at(e.to_string()))?;
+        let patch: toml::Table = text.parse().map_err(|e: toml::de::Error| at(e.to_string()))?;
+        let mut table = self.table();
+        merge(&mut table, patch);
+        *self = table.try_into().map_err(|e: toml::de::Error| at(e.to_string()))?;
+        Ok(())
+    }
+
+    /// Applies one `section.field=value`.
+    pub fn assign(&mut self, assignment: &str) -> Result<(), SettingsError> {
+        let (key, value) = assignment
+            .split_once('=')
+            .ok_or_else(|| SettingsError::NotAnAssignment { given: assignment.to_owned() })?;
+        self.set(key.trim(), value.trim())
+    }
+
+    /// Sets one field by its dotted name; the value is TOML, and text may stand without quotes.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), SettingsError> {
+        let mut root = self.table();
+        let mut table = &mut root;
+        let (path, field) = key.rsplit_once('.').unwrap_or(("", key));
+        for section in path.split('.').filter(|s| !s.is_empty()) {
+            let unknown = unknown_key(section, "settings", table);
+            table = table.get_mut(section).and_then(|v| v.as_table_mut()).ok_or(unknown)?;
+        }
+        // A field whose value is "none" is absent from the table, so the struct itself has the last word.
+        let unknown = unknown_key(field, if path.is_empty() { "settings" } else { path }, table);
+        table.insert(field.to_owned(), parse_value(value));
+        *self = root.try_into().map_err(|e: toml::de::Error| {
+            let problem = e.to_string();
+            if problem.contains("unknown field") {
+                unknown
+            } else {
+                SettingsError::Value { key: key.to_owned(), problem: problem.trim().to_owned() }
+            }
+        })?;
+        Ok(())
+    }
+
+    /// All problems at once; a checked value is trusted afterwards.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        let mut problems = Vec::new();
+        let mut need = |ok: bool, text: &str| {
+            if !ok {
+                problems.push(text.to_owned());
+            }
+        };
+        let (i, v, s, g) = (&self.input, &self.volume, &self.surface, &self.dyn_geo);
+        let (t, x, l, c) = (&self.tracking, &self.transfer, &self.light, &self.compositing);
+        need(
+            i.min_depth_m >= 0.0 && i.max_depth_m > i.min_depth_m && i.max_depth_m <= 65.535,
+            "input.min_depth_m and max_depth_m: 0 <= min < max <= 65.535",
+        );
+        need(
+            (1..=5).contains(&t.iterations.len()) && t.iterations.iter().all(|&n| n <= 100),
+            "tracking.iterations: 1 to 5 levels of at most 100",
+        );
+        need(positive(t.max_distance_m), "tracking.max_distance_m: above 0");
+        need(positive(t.max_angle_rad), "tracking.max_angle_rad: above 0");
+        need(
+            v.resolution % 8 == 0 && (8..=512).contains(&v.resolution),
+            "volume.resolution: a multiple of 8 from 8 to 512",
+        );
+        need(positive(v.side_m) && v.side_m <= 100.0, "volume.side_m: above 0, at most 100");
+        need(v.truncation_m >= 0.0 && v.truncation_m.is_finite(), "volume.truncation_m: 0 or more");
+        need(v.max_weight >= 1, "volume.max_weight: at least 1");
+        need(
+            (8..=2048).contains(&s.auxiliary_resolution),
+            "surface.auxiliary_resolution: 8 to 2048",
+        );
+        need(
+            [g.merge_window, g.smooth_window, g.denoise_window]
+                .iter()
+                .all(|k| (1..=64).contains(k)),
+            "dyn_geo windows: 1 to 64",
+        );
+        need((1..=5).contains(&g.taps), "dyn_geo.taps: 1 to 5");
+        need(positive(g.intensity_threshold), "dyn_geo.intensity_threshold: above 0");
+        need(positive(g.depth_threshold_m), "dyn_geo.depth_threshold_m: above 0");
+        need((1..=sh::MAX_BANDS).contains(&x.bands), "transfer.bands: 1 to 6");
+        need((4..=1024).contains(&x.directions), "transfer.directions: 4 to 1024");
+        need(matches!(x.subsampling, 1 | 2 | 4 | 8), "transfer.subsampling: 1, 2, 4 or 8");
+        need(positive(x.radius_m), "transfer.radius_m: above 0");
+        need(x.bias_m >= 0.0 && x.bias_m.is_finite(), "transfer.bias_m: 0 or more");
+        need((1..=8).contains(&x.jitter_tile), "transfer.jitter_tile: 1 to 8");
+        need(self.bounce.strength >= 0.0, "bounce.strength: 0 or more");
+        need(l.tikhonov >= 0.0 && l.tikhonov.is_finite(), "light.tikhonov: 0 or more");
+        need((0.0..1.0).contains(&l.memory), "light.memory: 0 up to, not including, 1");
+        need(
+            0.0 <= l.min_encoded && l.min_encoded < l.max_encoded,
+            "light.min_encoded and max_encoded: 0 <= min < max",
+        );
+        need(l.stride >= 1, "light.stride: at least 1");
+        need(l.mean_albedo > 0.0 && l.mean_albedo <= 1.0, "light.mean_albedo: above 0, at most 1");
+        need(c.gauss_radius <= 64, "compositing.gauss_radius: at most 64");
+        need(positive(c.depth_tolerance), "compositing.depth_tolerance: above 0");
+        if problems.is_empty() { Ok(()) } else { Err(SettingsError::OutOfRange(problems)) }
+    }
+
+    /// TOML that reads back to this same value.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("settings are plain data")
+    }
+
+    fn table(&self) -> toml::Table {
+        toml::Table::try_from(self).expect("settings are plain data")
+    }
+}
+
+fn positive(v: f32) -> bool {
+    v > 0.0 && v.is_finite()
+}
+
+fn unknown_key(key: &str, parent: &str, table: &toml::Table) -> SettingsError {
+    let known = table.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+    SettingsError::UnknownKey { key: key.to_owned(), parent: parent.to_owned(), known }
+}
+
+fn parse_value(text: &str) -> toml::Value {
+    format!("v = {text}")
+        .parse::<toml::Table>()
+        .ok()
+        .and_then(|mut t| t.remove("v"))
+        .unwrap_or_else(|| toml::Value::String(text.to_owned()))
+}
+
+fn merge(into: &mut toml::Table, patch: toml::Table) {
+    for (key, value) in patch {
+        match (into.get_mut(&key), value) {
+            (Some(toml::Value::Table(old)), toml::Value::Table(new)) => merge(old, new),
+            (_, value) => {
+                into.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_is_in_range_and_survives_toml() {
+        for preset in presets::ALL {
+            let settings = Settings::preset(preset.name).unwrap();
+            settings.validate().unwrap();
+            let back: Settings = toml::from_str(&settings.to_toml()).unwrap();
+            assert_eq!(back, settings, "{}", preset.name);
+        }
+    }
+
+    #[test]
+    fn set_takes_toml_and_bare_words() {
+        let mut s = Settings::default();
+        s.assign("transfer.directions=64").unwrap();
+        s.assign("tracking.mode = static").unwrap();
+        s.assign("tracking.iterations=[8, 4]").unwrap();
+        s.assign("volume.centre=[0.0, 0.5, 1.0]").unwrap();
+        assert_eq!(s.transfer.directions, 64);
+        assert_eq!(s.tracking.mode, crate::tracking::PoseMode::Static);
+        assert_eq!(s.tracking.iterations, [8, 4]);
+        assert_eq!(s.volume.centre, Some([0.0, 0.5, 1.0]));
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        let mut s = Settings::default();
+        let before = s.clone();
+        assert!(matches!(s.assign("transfer"), Err(SettingsError::NotAnAssignment { .. })));
+        for bad in ["transfer.direction=3", "transfers.directions=3", "bands=3"] {
+            assert!(matches!(s.assign(bad), Err(SettingsError::UnknownKey { .. })), "{bad}");
+        }
+        for bad in ["transfer.directions=many", "tracking.mode=guess", "dyn_geo.merge=7"] {
+            assert!(matches!(s.assign(bad), Err(SettingsError::Value { .. })), "{bad}");
+        }
+        assert!(matches!(Settings::preset("best"), Err(SettingsError::UnknownPreset { .. })));
+        assert_eq!(s, before, "a refused assignment changes nothing");
+    }
+
+    #[test]
+    fn all_problems_are_reported_at_once() {
+        let mut s = Settings::default();
+        s.transfer.bands = 7;
+        s.volume.resolution = 100;
+        s.light.memory = f64::NAN;
+        let Err(SettingsError::OutOfRange(problems)) = s.validate() else { panic!() };
+        assert_eq!(problems.len(), 3, "{problems:?}");
+    }
+
+    #[test]
+    fn a_file_changes_only_what_it_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.toml");
+        std::fs::write(&path, "[transfer]\nbands = 3\n").unwrap();
+        let mut s = Settings::preset("ours-fast").unwrap();
+        s.merge_file(&path).unwrap();
+        assert_eq!((s.transfer.bands, s.transfer.subsampling), (3, 4));
+        std::fs::write(&path, "[transfer]\nband = 3\n").unwrap();
+        let error = s.merge_file(&path).unwrap_err().to_string();
+        assert!(error.contains("s.toml") && error.contains("band"), "{error}");
+    }
+}

@@ -1,0 +1,70 @@
+//! Named settings. Each preset is written as its difference from another; no code asks for a
+//! preset's name.
+
+use super::{Settings, SettingsError};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Preset {
+    pub name: &'static str,
+    pub summary: &'static str,
+    /// The preset it starts from; none starts from the defaults.
+    base: Option<&'static str>,
+    changes: &'static [(&'static str, &'static str)],
+}
+
+pub const ALL: &[Preset] = &[
+    Preset {
+        name: "ours",
+        summary: "image-space transfer at every pixel",
+        base: None,
+        changes: &[],
+    },
+    Preset {
+        name: "ours-fast",
+        summary: "image-space transfer on every 4th pixel in x and y",
+        base: Some("ours"),
+        changes: &[("transfer.subsampling", "4"), ("light.stride", "4")],
+    },
+    Preset {
+        name: "ours-mobile",
+        summary: "ours with a 64^3 volume and without D''' (the paper's notebook and tablet)",
+        base: Some("ours"),
+        changes: &[("volume.resolution", "64"), ("dyn_geo.denoise", "false")],
+    },
+    Preset {
+        name: "ours-fast-mobile",
+        summary: "ours-fast with a 64^3 volume and without D'''",
+        base: Some("ours-fast"),
+        changes: &[("volume.resolution", "64"), ("dyn_geo.denoise", "false")],
+    },
+];
+
+pub(super) fn settings(name: &str) -> Result<Settings, SettingsError> {
+    let preset =
+        ALL.iter().find(|p| p.name == name).ok_or_else(|| SettingsError::UnknownPreset {
+            name: name.to_owned(),
+            known: ALL.iter().map(|p| p.name).collect::<Vec<_>>().join(", "),
+        })?;
+    let mut settings = match preset.base {
+        Some(base) => settings(base)?,
+        None => Settings::default(),
+    };
+    for (key, value) in preset.changes {
+        settings.set(key, value)?;
+    }
+    Ok(settings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fast_differs_from_ours_only_in_sampling() {
+        let (mut fast, ours) = (settings("ours-fast").unwrap(), settings("ours").unwrap());
+        assert_eq!(fast.transfer.subsampling, 4);
+        fast.transfer.subsampling = ours.transfer.subsampling;
+        fast.light.stride = ours.light.stride;
+        assert_eq!(fast, ours);
+    }
+}
