@@ -1,6 +1,29 @@
 //! Camera pose from depth: frame-to-model projective ICP (Newcombe et al. 2011), loss and recovery.
+//!
+//! ```text
+//! depth ─> bilateral ─> pyramid (depth, normals) ─┐
+//! model picture ──────────────────────────────────┴─> registration ─> judgement ─> state, pose
+//!                                                       (association, 6x6 sums, solve)
+//! ```
+
+mod bilateral;
+mod keyframes;
+mod normal_equations;
+mod padded;
+mod pyramid;
+mod registration;
+mod solve;
+mod tracker;
+
+#[cfg(test)]
+mod tests;
+
+pub use tracker::Tracker;
 
 use crate::math::Pose;
+
+/// Kernels work on this many pixels at a time.
+const LANES: usize = 16;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -43,7 +66,17 @@ pub enum TrackingState {
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrackingIssue {
+    /// The frame is not of the camera's size.
+    WrongSize {
+        width: usize,
+        height: usize,
+    },
+    /// Nothing of the map is in view.
     NoModel,
+    /// Little of the frame's depth falls on surfaces that the map knows.
+    LittleOverlap {
+        share: f32,
+    },
     NoDepth {
         valid_share: f32,
     },
@@ -65,6 +98,33 @@ pub enum TrackingIssue {
     NoRecordedPose,
 }
 
+impl std::fmt::Display for TrackingIssue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::WrongSize { width, height } => write!(f, "a frame of {width}x{height} pixels"),
+            Self::NoModel => write!(f, "nothing of the map in view"),
+            Self::LittleOverlap { share } => write!(f, "{:.1} % fall on the map", 100.0 * share),
+            Self::NoDepth { valid_share } => {
+                write!(f, "{:.1} % of the pixels have depth", 100.0 * valid_share)
+            }
+            Self::FewInliers { share } => write!(f, "{:.1} % fit the map", 100.0 * share),
+            Self::LargeResidual { rms_m } => {
+                write!(f, "residual of {:.1} mm", 1e3 * rms_m)
+            }
+            Self::Underconstrained { rank } => {
+                write!(f, "{rank} of 6 motions can be observed")
+            }
+            Self::ImplausibleMotion { translation_m, rotation_rad } => write!(
+                f,
+                "a step of {:.0} mm and {:.1} degrees",
+                1e3 * translation_m,
+                rotation_rad.to_degrees()
+            ),
+            Self::NoRecordedPose => write!(f, "the recording has no pose"),
+        }
+    }
+}
+
 /// Result for one frame. Losing the camera is a result, not an error.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Tracking {
@@ -72,8 +132,11 @@ pub struct Tracking {
     pub world_from_camera: Pose,
     pub state: TrackingState,
     pub issue: Option<TrackingIssue>,
-    /// Share of valid depth pixels that found a partner.
+    /// Of the pixels that fall on surfaces of the map, those that fit it. This and the numbers below are
+    /// 0 where no alignment was made.
     pub inlier_share: f32,
+    /// Of the pixels with depth, those that fall on surfaces of the map.
+    pub overlap: f32,
     /// Point-to-plane RMS over the inliers.
     pub rms_m: f32,
     /// Largest over smallest eigenvalue of the 6x6 system (translations in units of the mean depth).
@@ -107,6 +170,8 @@ pub struct TrackingParams {
     pub convergence: f64,
     /// Below: degraded; below half of it: lost.
     pub min_inlier_share: f32,
+    /// Below: degraded; below half of it: lost.
+    pub min_overlap: f32,
     /// Above: degraded; above twice of it: lost.
     pub max_rms_m: f32,
     /// Eigenvalues of the 6x6 system below this share of the largest are not observable.
@@ -129,6 +194,7 @@ impl Default for TrackingParams {
             max_angle_rad: 0.5,
             convergence: 1e-5,
             min_inlier_share: 0.3,
+            min_overlap: 0.1,
             max_rms_m: 0.03,
             min_eigenvalue_ratio: 1e-5,
             max_step_m: 0.3,
