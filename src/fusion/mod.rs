@@ -1,4 +1,30 @@
-//! The volume V: truncated signed distances in 8x8x8 blocks allocated near surfaces.
+//! The volume V: truncated signed distances in 8x8x8 blocks allocated near surfaces, and every
+//! picture and mesh taken from it.
+//!
+//! Distances are positive in free space, in units of the truncation distance. They are projective
+//! (measured along the view's z axis), as in Newcombe et al., "KinectFusion", 2011, Eq. 6-12.
+
+mod allocate;
+mod auxiliary;
+mod block;
+mod integrate;
+mod marching_cubes;
+mod mesh;
+mod placement;
+mod raycast;
+mod rays;
+mod sample;
+mod surface;
+mod tiles;
+mod volume;
+
+#[cfg(test)]
+mod tests;
+
+pub use auxiliary::AuxiliaryRig;
+pub use placement::place_centre;
+pub use surface::SurfaceStage;
+pub use volume::{FusionError, TsdfVolume};
 
 /// Reconstruct stage, map part.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -7,13 +33,20 @@ pub struct VolumeParams {
     pub side_m: f32,
     /// Voxels a side, a multiple of 8, from 8 to 512.
     pub resolution: usize,
-    /// Truncation distance; 0 takes four voxels, at least 2 cm.
+    /// Truncation distance; 0 takes four voxels, at least 2 cm. At least a voxel's diagonal, at
+    /// most the side.
     pub truncation_m: f32,
+    /// Frames in the running average, from 1 to 1024.
     pub max_weight: u16,
+    /// A voxel seen free (a ray passed it by more than the truncation distance) forgets what it
+    /// knew beyond this weight, so that moved objects vanish sooner than surfaces are averaged.
+    pub free_weight: u16,
     /// Centre of the cube in world coordinates; none places it from the first frame.
     pub centre: Option<[f64; 3]>,
     /// Keep colour beside the distance (for the mesh).
     pub color: bool,
+    /// Voxels seen in fewer frames give no triangles.
+    pub mesh_min_weight: u16,
 }
 
 impl Default for VolumeParams {
@@ -23,8 +56,10 @@ impl Default for VolumeParams {
             resolution: 256,
             truncation_m: 0.0,
             max_weight: 128,
+            free_weight: 32,
             centre: None,
             color: true,
+            mesh_min_weight: 2,
         }
     }
 }
@@ -40,10 +75,26 @@ pub struct SurfaceParams {
     pub top: bool,
     /// The one seen from the dominant light.
     pub light: bool,
+    /// How many out-of-date auxiliary buffers are redone in a frame, the stalest first; 0 redoes
+    /// all of them.
+    pub refresh_per_frame: usize,
+    /// In the first updates after a start the volume fills quickly: all buffers are redone.
+    pub warm_up_updates: u64,
+    /// The light's buffer keeps its view until the light moved by more than this.
+    pub light_tolerance_deg: f32,
 }
 
 impl Default for SurfaceParams {
     fn default() -> Self {
-        Self { auxiliary_resolution: 256, left: true, right: true, top: true, light: true }
+        Self {
+            auxiliary_resolution: 256,
+            left: true,
+            right: true,
+            top: true,
+            light: true,
+            refresh_per_frame: 1,
+            warm_up_updates: 10,
+            light_tolerance_deg: 2.0,
+        }
     }
 }
