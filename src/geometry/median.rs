@@ -12,24 +12,39 @@ pub(super) type Lanes = [f32; LANES];
 /// Zero, negative, infinite and NaN depth is missing.
 #[inline(always)]
 pub(super) fn is_depth(depth_m: f32) -> bool {
-    (depth_m > 0.0) & (depth_m < f32::INFINITY)
+    // not `< INFINITY`: LLVM makes that a test of bit classes, one lane at a time
+    (depth_m > 0.0) & (depth_m <= f32::MAX)
 }
 
-/// 16 values of a row from column `x` on; 0.0 where the row does not reach.
+/// 16 values of a row from column `x` on; 0.0 where the row does not reach, by way of `rim`.
+///
+/// A reference, not a copy: values that come from one of two places element by element would not
+/// be vectorised.
+#[inline(always)]
+pub(super) fn lanes<'a>(row: &'a [f32], x: isize, rim: &'a mut Lanes) -> &'a Lanes {
+    if x >= 0
+        && let Some(inside) = row.get(x as usize..).and_then(<[f32]>::first_chunk)
+    {
+        return inside;
+    }
+    load_at_rim(row, x, rim);
+    rim
+}
+
+#[cold]
+#[inline(never)]
+fn load_at_rim(row: &[f32], x: isize, out: &mut Lanes) {
+    for (i, out) in out.iter_mut().enumerate() {
+        let column = usize::try_from(x + i as isize).ok();
+        *out = column.and_then(|x| row.get(x)).copied().unwrap_or(0.0);
+    }
+}
+
+/// A copy of the same.
 #[inline(always)]
 pub(super) fn load(row: &[f32], x: isize) -> Lanes {
-    let mut out = [0.0; LANES];
-    let inside = usize::try_from(x).ok().and_then(|x| row.get(x..x + LANES));
-    match inside {
-        Some(values) => out.copy_from_slice(values),
-        None => {
-            for (i, out) in out.iter_mut().enumerate() {
-                let column = usize::try_from(x + i as isize).ok();
-                *out = column.and_then(|x| row.get(x)).copied().unwrap_or(0.0);
-            }
-        }
-    }
-    out
+    let mut rim = [0.0; LANES];
+    *lanes(row, x, &mut rim)
 }
 
 #[inline(always)]
@@ -74,24 +89,33 @@ impl Window {
         values: &mut [Lanes],
     ) -> [i32; LANES] {
         let mut count = [0; LANES];
-        let own = guide.and_then(|g| row_at(g.image, y)).map_or([0.0; LANES], |row| load(row, x));
+        let (mut rim, mut guide_rim) = ([0.0; LANES], [0.0; LANES]);
+        let mut own_rim = [0.0; LANES];
+        let own = match guide.and_then(|g| row_at(g.image, y)) {
+            Some(row) => lanes(row, x, &mut own_rim),
+            None => &[0.0; LANES],
+        };
         for (values, &(dx, dy)) in values.iter_mut().zip(&self.taps) {
             *values = [f32::INFINITY; LANES];
             let Some(row) = row_at(depth, y + dy) else { continue };
-            let depth = load(row, x + dx);
-            let mut counts = depth.map(is_depth);
+            let mut kept = *lanes(row, x + dx, &mut rim);
+            for i in 0..LANES {
+                // NaN and negative values fail, +inf passes as the +inf that does not count
+                kept[i] = if kept[i] > 0.0 { kept[i] } else { f32::INFINITY };
+            }
             if let Some(guide) = guide
                 && let Some(row) = row_at(guide.image, y + dy)
             {
-                let other = load(row, x + dx);
+                let other = lanes(row, x + dx, &mut guide_rim);
                 for i in 0..LANES {
-                    counts[i] &= (other[i] - own[i]).abs() < guide.threshold;
+                    let step = (other[i] - own[i]).abs();
+                    kept[i] = if step < guide.threshold { kept[i] } else { f32::INFINITY };
                 }
             }
             for i in 0..LANES {
-                values[i] = if counts[i] { depth[i] } else { f32::INFINITY };
-                count[i] += i32::from(counts[i]);
+                count[i] += i32::from(kept[i] < f32::INFINITY);
             }
+            *values = kept;
         }
         count
     }
@@ -107,11 +131,13 @@ impl Window {
         y: isize,
     ) -> [i32; LANES] {
         let mut count = [0; LANES];
+        let mut rim = [0.0; LANES];
         for (values, &(dx, dy)) in values.iter().zip(&self.taps) {
             let Some(row) = row_at(other, y + dy) else { continue };
-            let other = load(row, x + dx);
+            let other = lanes(row, x + dx, &mut rim);
             for i in 0..LANES {
-                let close = is_depth(other[i]) & ((values[i] - other[i]).abs() <= tolerance);
+                // holds for no value that does not count: |inf - x| is inf or NaN
+                let close = (other[i] > 0.0) & ((values[i] - other[i]).abs() <= tolerance);
                 count[i] += i32::from(close);
             }
         }
@@ -125,14 +151,15 @@ impl Window {
     pub fn lower_median(&self, values: &mut [Lanes], count: &[i32; LANES]) -> Lanes {
         for &(a, b) in &self.exchanges {
             let (va, vb) = (values[a], values[b]);
+            let (mut low, mut high) = (va, vb);
             for i in 0..LANES {
-                let swap = vb[i] < va[i];
-                values[a][i] = if swap { vb[i] } else { va[i] };
-                values[b][i] = if swap { va[i] } else { vb[i] };
+                low[i] = if va[i] < vb[i] { va[i] } else { vb[i] };
+                high[i] = if va[i] > vb[i] { va[i] } else { vb[i] };
             }
+            (values[a], values[b]) = (low, high);
         }
         let mut median = [0.0; LANES];
-        for (rank, values) in values[..self.len().div_ceil(2)].iter().enumerate() {
+        for (rank, &values) in values[..self.len().div_ceil(2)].iter().enumerate() {
             for i in 0..LANES {
                 let chosen = (count[i] - 1) >> 1 == rank as i32;
                 median[i] = if chosen { values[i] } else { median[i] };
