@@ -1,5 +1,11 @@
 //! Geometry buffers, and the image-space filters that merge the model with the newest depth.
 
+mod dyngeo;
+mod median;
+mod normals;
+
+pub use dyngeo::DynGeo;
+
 use crate::image::{Image, NormalImage, Size};
 use crate::math::View;
 
@@ -63,17 +69,18 @@ pub struct DynGeoParams {
     pub smooth: bool,
     /// Plain median (D''').
     pub denoise: bool,
-    /// Window k of D', pixels.
+    /// Window k of D', pixels. A window reaches k / 2 pixels to each side.
     pub merge_window: usize,
     /// Window k of D'', pixels.
     pub smooth_window: usize,
     /// Window k of D''', pixels.
     pub denoise_window: usize,
-    /// D' and D'' look at taps x taps pixels of their window.
+    /// D' and D'' look at taps x taps pixels of their window; an even number leaves out the pixel
+    /// itself.
     pub taps: usize,
-    /// lambda_I, 8-bit steps of encoded intensity.
+    /// lambda_I, 8-bit steps of encoded intensity; positive.
     pub intensity_threshold: f32,
-    /// lambda_D.
+    /// lambda_D; also how far from the result the model's depth may be to lend its normal.
     pub depth_threshold_m: f32,
 }
 
