@@ -3,6 +3,7 @@
 
 use glam::{DVec3, Vec3};
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 pub const MAX_BANDS: usize = 6;
 pub const MAX_COEFFICIENTS: usize = MAX_BANDS * MAX_BANDS;
@@ -68,6 +69,50 @@ pub fn unoccluded_transfer(normal: Vec3, bands: usize) -> [f32; MAX_COEFFICIENTS
         }
     }
     out.map(|v| v as f32)
+}
+
+/// Normalisations by [l][m]; those of m > 0 hold the square root of 2.
+static NORMALISATION: LazyLock<[[f32; MAX_BANDS]; MAX_BANDS]> = LazyLock::new(|| {
+    std::array::from_fn(|l| {
+        std::array::from_fn(|m| match m {
+            0 => normalisation(l, 0) as f32,
+            m if m <= l => (std::f64::consts::SQRT_2 * normalisation(l, m)) as f32,
+            _ => 0.0,
+        })
+    })
+});
+
+/// The basis in L unit directions at once, for SIMD kernels: `out[coefficient][lane]`.
+#[inline(always)]
+pub fn basis_lanes<const L: usize>(
+    [x, y, z]: &[[f32; L]; 3],
+    bands: usize,
+    out: &mut [[f32; L]; MAX_COEFFICIENTS],
+) {
+    let table = &*NORMALISATION;
+    let (mut re, mut im) = ([1.0; L], [0.0; L]);
+    let mut diagonal = 1.0;
+    for m in 0..bands.min(MAX_BANDS) {
+        let (mut previous, mut current) = ([0.0; L], [diagonal; L]);
+        for l in m..bands.min(MAX_BANDS) {
+            let k = table[l][m];
+            let (plus, minus) = (l * (l + 1) + m, l * (l + 1) - m);
+            let (a, b) = ((2 * l + 1) as f32, (l + m) as f32);
+            let scale = 1.0 / (l + 1 - m) as f32;
+            for i in 0..L {
+                // For m = 0 the second line overwrites the first, where im = 0.
+                out[minus][i] = k * current[i] * im[i];
+                out[plus][i] = k * current[i] * re[i];
+                let next = (z[i] * a * current[i] - b * previous[i]) * scale;
+                previous[i] = current[i];
+                current[i] = next;
+            }
+        }
+        for i in 0..L {
+            (re[i], im[i]) = (re[i] * x[i] - im[i] * y[i], re[i] * y[i] + im[i] * x[i]);
+        }
+        diagonal *= (2 * m + 1) as f32;
+    }
 }
 
 /// Unit vector towards the light from band 1 of a light; `None` where band 1 is zero.
@@ -156,6 +201,24 @@ mod tests {
         let analytic = unoccluded_transfer(normal.as_vec3(), MAX_BANDS);
         for i in 0..MAX_COEFFICIENTS {
             assert!((sum[i] - f64::from(analytic[i])).abs() < 1e-4, "{i}");
+        }
+    }
+
+    #[test]
+    fn lanes_agree_with_the_scalar_basis() {
+        let directions: Vec<_> = sphere(32).collect();
+        for bands in 1..=MAX_BANDS {
+            let lane = |axis: usize| std::array::from_fn(|i| directions[i][axis] as f32);
+            let mut out = [[f32::NAN; 32]; MAX_COEFFICIENTS];
+            basis_lanes(&[lane(0), lane(1), lane(2)], bands, &mut out);
+            for (i, d) in directions.iter().enumerate() {
+                let expected = basis(d.as_vec3(), bands);
+                for k in 0..coefficients(bands) {
+                    // recursions of five steps in f32, values up to 3
+                    assert!((out[k][i] - expected[k]).abs() < 3e-6, "{k}: {}", out[k][i]);
+                }
+                assert!(out[coefficients(bands)..].iter().all(|row| row[i].is_nan()));
+            }
         }
     }
 

@@ -1,6 +1,26 @@
 //! Radiance transfer in image space: SSDO visibility projected into spherical harmonics
 //! (Gruber et al. 2015, Sec. 5.1 and 5.3).
 
+use crate::image::Size;
+use crate::math::sh::{MAX_BANDS, coefficients};
+use batch::Grid;
+
+mod batch;
+mod bounce;
+mod directions;
+mod hull;
+mod influence;
+mod occluder;
+mod radiance_transfer;
+pub mod reference;
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod time_tests;
+
+pub use directions::DirectionSet;
+pub use radiance_transfer::{Buffers, RadianceTransfer};
+
 /// The two readings of Eq. 9. alpha is the median angle between neighbouring directions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -47,6 +67,57 @@ impl Default for TransferParams {
     }
 }
 
+/// A parameter outside its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{field} is {value}; it must be {allowed}")]
+pub struct TransferError {
+    pub field: &'static str,
+    pub value: String,
+    pub allowed: &'static str,
+}
+
+fn allowed(
+    ok: bool,
+    field: &'static str,
+    value: &dyn std::fmt::Display,
+    allowed: &'static str,
+) -> Result<(), TransferError> {
+    if ok { Ok(()) } else { Err(TransferError { field, value: value.to_string(), allowed }) }
+}
+
+impl TransferParams {
+    /// The first parameter that is out of range.
+    pub fn check(&self) -> Result<(), TransferError> {
+        let positive = |v: f32| v > 0.0 && v.is_finite();
+        allowed((1..=MAX_BANDS).contains(&self.bands), "transfer.bands", &self.bands, "1 to 6")?;
+        allowed(
+            (4..=1024).contains(&self.directions),
+            "transfer.directions",
+            &self.directions,
+            "4 to 1024",
+        )?;
+        allowed(positive(self.radius_m), "transfer.radius_m", &self.radius_m, "positive")?;
+        allowed(
+            (1..=64).contains(&self.subsampling),
+            "transfer.subsampling",
+            &self.subsampling,
+            "1 to 64",
+        )?;
+        allowed(
+            self.bias_m >= 0.0 && self.bias_m.is_finite(),
+            "transfer.bias_m",
+            &self.bias_m,
+            "0 or more",
+        )?;
+        allowed(
+            (1..=16).contains(&self.jitter_tile),
+            "transfer.jitter_tile",
+            &self.jitter_tile,
+            "1 to 16",
+        )
+    }
+}
+
 /// Indirect bounce (Gruber et al. 2015, Eq. 10-12).
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -59,6 +130,14 @@ pub struct BounceParams {
 impl Default for BounceParams {
     fn default() -> Self {
         Self { enabled: true, strength: 1.0 }
+    }
+}
+
+impl BounceParams {
+    /// The first parameter that is out of range.
+    pub fn check(&self) -> Result<(), TransferError> {
+        let ok = self.strength >= 0.0 && self.strength.is_finite();
+        allowed(ok, "bounce.strength", &self.strength, "0 or more")
     }
 }
 
@@ -82,8 +161,47 @@ impl TransferMap {
     }
 
     /// The pixel of a grid point in an image of this size.
-    pub fn pixel(&self, i: usize, j: usize, image: crate::image::Size) -> (usize, usize) {
-        let half = self.step / 2;
-        ((i * self.step + half).min(image.width - 1), (j * self.step + half).min(image.height - 1))
+    pub fn pixel(&self, i: usize, j: usize, image: Size) -> (usize, usize) {
+        grid_pixel(self.step, i, j, image)
     }
+
+    fn reshape(&mut self, bands: usize, grid: &Grid) {
+        (self.bands, self.step, self.grid) = (bands, grid.step, grid.size());
+        self.coefficients.resize(self.grid.pixels() * coefficients(bands), 0.0);
+    }
+
+    fn fits(&self, bands: usize, grid: &Grid) -> bool {
+        (self.bands, self.step, self.grid) == (bands, grid.step, grid.size())
+            && self.coefficients.len() == self.grid.pixels() * coefficients(bands)
+    }
+}
+
+/// Light of one bounce on the same grid as [`TransferMap`]: reflected radiance for albedo 1.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct IndirectMap {
+    pub step: usize,
+    pub grid: Size,
+    /// Row-major grid points, linear RGB; zero where there is no surface.
+    pub rgb: Vec<[f32; 3]>,
+}
+
+impl IndirectMap {
+    pub fn at(&self, i: usize, j: usize) -> [f32; 3] {
+        self.rgb[j * self.grid.width + i]
+    }
+
+    /// The pixel of a grid point in an image of this size.
+    pub fn pixel(&self, i: usize, j: usize, image: Size) -> (usize, usize) {
+        grid_pixel(self.step, i, j, image)
+    }
+
+    fn reshape(&mut self, grid: &Grid) {
+        (self.step, self.grid) = (grid.step, grid.size());
+        self.rgb.resize(self.grid.pixels(), [0.0; 3]);
+    }
+}
+
+fn grid_pixel(step: usize, i: usize, j: usize, image: Size) -> (usize, usize) {
+    let half = step / 2;
+    ((i * step + half).min(image.width - 1), (j * step + half).min(image.height - 1))
 }

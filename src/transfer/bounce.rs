@@ -1,0 +1,132 @@
+//! One bounce of light (Gruber et al. 2015, Sec. 5.3).
+//!
+//! Where a sample is hidden by a surface s, s stands for the patch that fills the sample's solid angle
+//! dw as seen from x. Its area is dA = dw d^2 / (n_s . -t) for a distance d along t. Eq. 11, taken
+//! times dA, loses the cosine at s and the 1 / d^2:
+//!
+//! ```text
+//! F dA = (n_x . t) (n_s . -t) / (pi d^2) dA = (n_x . t) dw / pi
+//! ```
+//!
+//! So what a direction contributes is bounded however near s is, does not depend on the unit of
+//! length, and converges as directions are added. With B(s) the radiance that leaves s:
+//!
+//! ```text
+//! R_i(x) = 1/pi sum_j (1 - K_j) B(s_j) max(0, n_x . t_j) [n_s . -t_j > 0] dw_j
+//! ```
+//!
+//! The bracket is G of Eq. 12. As printed, it asks for n_x . -t > 0, the very directions in which F is
+//! negative, so nothing could ever arrive. The text wants to leave out surfaces that face away from x;
+//! that is n_s . -t > 0. B(s) holds albedo and light of s, (n_s . L_D) in Eq. 10.
+//! dw / pi is replaced by 1 / sum_j max(0, n_x . w_j), as in the transfer: what is taken as hidden light
+//! there comes back as the light of the hiding surface here.
+
+use super::batch::{Batch, Scratch, hiddenness};
+use super::influence::VirtualFootprint;
+use super::occluder::Occluder;
+use super::radiance_transfer::{Buffers, Pass};
+use crate::geometry::{GBuffer, Origin};
+use crate::image::Image;
+use glam::{Vec2, Vec3};
+
+use super::directions::LANES;
+
+/// What a bounce needs besides the pass.
+pub(super) struct BounceInput<'a> {
+    pub buffers: Buffers<'a>,
+    pub radiance: (&'a Image<[f32; 3]>, &'a [Image<[f32; 3]>]),
+    pub footprints: &'a [VirtualFootprint],
+    pub radius_m: f32,
+    pub strength: f32,
+}
+
+impl BounceInput<'_> {
+    fn source(&self, view: usize) -> (&GBuffer, &Image<[f32; 3]>) {
+        match view.checked_sub(1) {
+            None => (self.buffers.0, self.radiance.0),
+            Some(k) => (&self.buffers.1[k], &self.radiance.1[k]),
+        }
+    }
+}
+
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
+    "x86_64+avx2+fma+bmi2"
+))]
+pub(super) fn bounce_row(
+    pass: &Pass,
+    input: &BounceInput,
+    j: usize,
+    row: &mut [[f32; 3]],
+    scratch: &mut Scratch,
+) {
+    let size = pass.main.size();
+    let origin = pass.main.origin.row(pass.grid.pixel(j, size.height));
+    for (b, out) in row.chunks_mut(LANES).enumerate() {
+        out.fill([0.0; 3]);
+        let batch = Batch::gather(pass.main, &pass.receivers, &pass.grid, b * LANES, j);
+        let mut on_virtual = [false; LANES];
+        for i in 0..batch.count {
+            let u = pass.grid.pixel(batch.i + i, size.width);
+            on_virtual[i] = batch.valid[i] & (origin[u] == Origin::Virtual);
+        }
+        let reached = || input.footprints.iter().any(|f| f.may_meet(&batch, input.radius_m));
+        if !batch.any_valid() || !(on_virtual.contains(&true) || reached()) {
+            continue;
+        }
+        let sum = scratch.look::<true>(&batch, pass.set, pass.occluders);
+        for (i, out) in out.iter_mut().enumerate().filter(|(i, _)| batch.valid[*i] && sum[*i] > 0.0)
+        {
+            let light = gathered(pass, input, &batch, i, on_virtual[i], scratch);
+            *out = (light * (input.strength / sum[i])).to_array();
+        }
+    }
+}
+
+/// sum_j (1 - K_j) B(s_j) max(0, n_x . t_j) [n_s . -t_j > 0] of one point.
+fn gathered(
+    pass: &Pass,
+    input: &BounceInput,
+    batch: &Batch,
+    i: usize,
+    on_virtual: bool,
+    scratch: &Scratch,
+) -> Vec3 {
+    let world_from_main = pass.world_from_main;
+    let x = world_from_main.transform_point3(Vec3::from(batch.x.map(|axis| axis[i])));
+    let n = Vec3::from(batch.n.map(|axis| axis[i]));
+    let mut light = Vec3::ZERO;
+    for k in 0..scratch.active.len() {
+        if scratch.cosine[k][i] <= 0.0 {
+            continue;
+        }
+        let hidden = hiddenness(scratch.best[k][i], pass.set.chi);
+        if hidden <= 0.0 {
+            continue;
+        }
+        let (view, (u, v)) = pixel_of_code(pass.occluders, scratch.hit[k][i]);
+        let (buffer, radiance) = input.source(view);
+        if !(on_virtual || buffer.origin[(u, v)] == Origin::Virtual) {
+            continue;
+        }
+        let pixel = Vec2::new(u as f32, v as f32);
+        let in_view = buffer.view.unproject(pixel, buffer.depth_m[(u, v)]);
+        let s = pass.occluders[view].world_from_view.transform_point3(in_view);
+        let Some(t) = (s - x).try_normalize() else { continue };
+        if buffer.normals.at(u, v).dot(-t) > 0.0 {
+            light += hidden * n.dot(t).max(0.0) * Vec3::from(radiance[(u, v)]);
+        }
+    }
+    light
+}
+
+/// Buffer and pixel of a code that [`Occluder::cast`] wrote.
+fn pixel_of_code(occluders: &[Occluder], code: u32) -> (usize, (usize, usize)) {
+    let mut index = code as usize;
+    let mut view = 0;
+    while index >= occluders[view].padded_len() {
+        index -= occluders[view].padded_len();
+        view += 1;
+    }
+    (view, occluders[view].pixel(index))
+}
