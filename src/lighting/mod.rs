@@ -1,4 +1,19 @@
 //! Light from the camera image: least squares on transfer (Gruber et al. 2015, Sec. 5.2).
+//!
+//! ```text
+//! frame, surface, transfer -> samples -> normal equations -> solve -> estimator -> LightEstimate
+//!                                ^-- robust weights ----------'          '-- memory, change detector
+//! ```
+
+mod estimator;
+mod normal_equations;
+mod samples;
+mod solve;
+
+#[cfg(test)]
+mod tests;
+
+pub use estimator::{LightEstimate, LightEstimator, Rejection};
 
 use crate::math::sh;
 use glam::Vec3;
@@ -42,6 +57,9 @@ pub struct LightParams {
     pub tikhonov: f64,
     /// The penalty of band l is multiplied by (l (l + 1))^band_power; 0 treats all bands alike.
     pub band_power: f64,
+    /// The ambient part is pulled towards the light that explains the image best when it comes from
+    /// everywhere alike, instead of towards darkness.
+    pub toward_ambient: bool,
     /// Huber threshold in robust standard deviations of the residual; 0 is plain least squares.
     pub huber: f32,
     /// Share of the accumulated normal equations that is kept from one frame to the next.
@@ -65,6 +83,7 @@ impl Default for LightParams {
             channels: LightChannels::default(),
             tikhonov: 0.1,
             band_power: 0.0,
+            toward_ambient: true,
             huber: 1.345,
             memory: 0.9,
             change_factor: 1.5,

@@ -1,0 +1,178 @@
+//! Regularised solution of the normal equations, and how well they determine it.
+
+use super::LightParams;
+use super::normal_equations::NormalEquations;
+use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+
+/// Eigenvalues below this share of the largest are rounding: T is f32, and its products are summed
+/// in f32 over short chunks.
+const RANK_TOLERANCE: f64 = 1e-7;
+
+/// Least squares with a quadratic penalty: (N + P) l = b + P l0, with P diagonal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prior {
+    /// Diagonal of P, in units of the normal equations.
+    pub precision: Vec<f64>,
+    /// l0, per channel.
+    pub mean: Vec<Vec<f64>>,
+}
+
+impl Prior {
+    /// What is believed before the image is seen: every coefficient is small, the more so in high
+    /// bands, and the mean level is what explains the image best without any direction.
+    pub fn new(equations: &NormalEquations, params: &LightParams) -> Self {
+        let n = equations.n;
+        let unit = params.tikhonov * equations.mean_eigenvalue();
+        let relative_to_band_1 =
+            |l: usize| ((l * (l + 1)).max(2) as f64 / 2.0).powf(params.band_power);
+        let precision = (0..n).map(|i: usize| unit * relative_to_band_1(i.isqrt())).collect();
+        let mean = |rhs: &Vec<f64>| {
+            let mut mean = vec![0.0; n];
+            if params.toward_ambient && equations.gram[0] > 0.0 {
+                mean[0] = rhs[0] / equations.gram[0];
+            }
+            mean
+        };
+        Self { precision, mean: equations.rhs.iter().map(mean).collect() }
+    }
+}
+
+/// Solution for every channel, and the inverse that their deviations come from.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// `n` coefficients a channel.
+    pub light: Vec<Vec<f64>>,
+    /// Diagonal of the (pseudo-)inverse of N + P.
+    pub variance: Vec<f64>,
+    /// Share of each coefficient, [0, 1], that neither data nor prior determine.
+    pub undetermined: Vec<f64>,
+}
+
+/// What the data alone determine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spectrum {
+    pub rank: usize,
+    /// Largest by smallest eigenvalue; at most 1e16.
+    pub condition: f64,
+}
+
+pub fn solve(equations: &NormalEquations, prior: &Prior) -> Solution {
+    let n = equations.n;
+    let mut matrix = DMatrix::from_row_slice(n, n, &equations.gram);
+    for i in 0..n {
+        matrix[(i, i)] += prior.precision[i];
+    }
+    let rhs: Vec<_> = equations
+        .rhs
+        .iter()
+        .zip(&prior.mean)
+        .map(|(b, mean)| DVector::from_fn(n, |i, _| b[i] + prior.precision[i] * mean[i]))
+        .collect();
+    by_cholesky(&matrix, &rhs).unwrap_or_else(|| by_eigenvectors(matrix, &rhs))
+}
+
+/// `None` where the matrix is not safely positive definite.
+fn by_cholesky(matrix: &DMatrix<f64>, rhs: &[DVector<f64>]) -> Option<Solution> {
+    let factor = Cholesky::new(matrix.clone())?;
+    let pivots = factor.l_dirty().diagonal().map(|d| d * d);
+    // A lower bound of the condition number, good enough to tell rounding from data.
+    (pivots.min() > RANK_TOLERANCE * pivots.max()).then(|| Solution {
+        light: rhs.iter().map(|b| factor.solve(b).as_slice().to_vec()).collect(),
+        variance: factor.inverse().diagonal().as_slice().to_vec(),
+        undetermined: vec![0.0; matrix.nrows()],
+    })
+}
+
+/// The solution of least norm: directions without data stay 0.
+fn by_eigenvectors(matrix: DMatrix<f64>, rhs: &[DVector<f64>]) -> Solution {
+    let n = matrix.nrows();
+    let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(matrix);
+    let limit = RANK_TOLERANCE * eigenvalues.max();
+    let mut solution = Solution {
+        light: vec![vec![0.0; n]; rhs.len()],
+        variance: vec![0.0; n],
+        undetermined: vec![0.0; n],
+    };
+    for (vector, &value) in eigenvectors.column_iter().zip(&eigenvalues) {
+        for i in 0..n {
+            let share = vector[i] * vector[i];
+            if value > limit {
+                solution.variance[i] += share / value;
+            } else {
+                solution.undetermined[i] += share;
+            }
+        }
+        if value > limit {
+            for (light, b) in solution.light.iter_mut().zip(rhs) {
+                let along = vector.dot(b) / value;
+                light.iter_mut().zip(&vector).for_each(|(l, v)| *l += along * v);
+            }
+        }
+    }
+    solution
+}
+
+pub fn spectrum(equations: &NormalEquations) -> Spectrum {
+    let n = equations.n;
+    let values = DMatrix::from_row_slice(n, n, &equations.gram).symmetric_eigenvalues();
+    let largest = values.max();
+    let limit = RANK_TOLERANCE * largest;
+    Spectrum {
+        rank: values.iter().filter(|&&v| v > limit).count(),
+        condition: if largest > 0.0 { largest / values.min().max(1e-16 * largest) } else { 1e16 },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn equations(gram: &[f64], rhs: &[f64]) -> NormalEquations {
+        NormalEquations { n: rhs.len(), gram: gram.to_vec(), rhs: vec![rhs.to_vec()], weight: 1.0 }
+    }
+
+    fn no_prior(n: usize) -> Prior {
+        Prior { precision: vec![0.0; n], mean: vec![vec![0.0; n]] }
+    }
+
+    #[test]
+    fn known_system_and_inverse() {
+        let found = solve(&equations(&[4.0, 2.0, 2.0, 3.0], &[2.0, 5.0]), &no_prior(2));
+        // inverse of [[4, 2], [2, 3]] is [[3, -2], [-2, 4]] / 8
+        for (a, b) in found.light[0].iter().zip([-0.5, 2.0]) {
+            assert!((a - b).abs() < 1e-14);
+        }
+        for (a, b) in found.variance.iter().zip([0.375, 0.5]) {
+            assert!((a - b).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn singular_system_gives_the_solution_of_least_norm() {
+        let found = solve(&equations(&[1.0, 1.0, 1.0, 1.0], &[2.0, 2.0]), &no_prior(2));
+        for i in 0..2 {
+            assert!((found.light[0][i] - 1.0).abs() < 1e-14);
+            assert!((found.undetermined[i] - 0.5).abs() < 1e-14);
+        }
+        let nothing = solve(&equations(&[0.0; 4], &[0.0; 2]), &no_prior(2));
+        assert_eq!(nothing.light[0], [0.0, 0.0]);
+        assert_eq!(nothing.undetermined, [1.0, 1.0]);
+    }
+
+    #[test]
+    fn an_overwhelming_prior_wins() {
+        let prior = Prior { precision: vec![1e9; 2], mean: vec![vec![3.0, -1.0]] };
+        let found = solve(&equations(&[4.0, 2.0, 2.0, 3.0], &[2.0, 5.0]), &prior);
+        // the data pull by about their size over the precision
+        assert!((found.light[0][0] - 3.0).abs() < 1e-7 && (found.light[0][1] + 1.0).abs() < 1e-7);
+    }
+
+    #[test]
+    fn spectrum_of_diagonal_matrices() {
+        let s = spectrum(&equations(&[8.0, 0.0, 0.0, 2.0], &[0.0; 2]));
+        assert_eq!((s.rank, s.condition), (2, 4.0));
+        let s = spectrum(&equations(&[8.0, 0.0, 0.0, 0.0], &[0.0; 2]));
+        assert_eq!((s.rank, s.condition), (1, 1e16));
+        assert_eq!(spectrum(&equations(&[0.0; 4], &[0.0; 2])).rank, 0);
+    }
+}
