@@ -1,7 +1,43 @@
 //! Where frames come from: recordings on disk, made scenes, sensors.
+//!
+//! A recording is opened by [`open_sequence`]: the [`layout`] of its files is recognised, colour and
+//! depth are [associated](association) by time, the [`calibration`] is found, and every delivered
+//! frame is rectified and registered: one [`Pinhole`] sees colour and depth alike. [`inspect`] says
+//! what was found and whether it is plausible; [`InputStage`] prepares frames for the pipeline.
+
+pub mod association;
+pub mod calibration;
+mod calibration_files;
+mod decode;
+mod input;
+mod inspect;
+pub mod layout;
+mod plausibility;
+mod rectify;
+mod registration;
+mod rig;
+mod sequence;
+mod text;
+pub mod trajectory;
+
+pub use calibration::Calibration;
+pub use decode::MAX_PIXELS;
+pub use input::InputStage;
+pub use inspect::{SequenceReport, inspect};
+pub use layout::Layout;
+pub use registration::Registration;
+pub use sequence::{CaptureOptions, Sequence, SequenceInfo, SkippedFrame, open_sequence};
+
+#[cfg(test)]
+mod bad_input_tests;
+#[cfg(test)]
+mod made_sequences;
+#[cfg(test)]
+mod real_data_tests;
 
 use crate::image::Image;
 use crate::math::{Pinhole, Pose};
+use std::path::Path;
 
 /// One colour + depth pair as a source delivers it: same camera, same size, rectified, registered.
 #[derive(Clone, Debug)]
@@ -63,6 +99,20 @@ pub enum CaptureError {
     Frame { frame: usize, problem: String },
     #[error("{0}")]
     Sequence(String),
+}
+
+impl CaptureError {
+    fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.display().to_string(), source }
+    }
+
+    fn line(path: &Path, line: usize, problem: impl Into<String>) -> Self {
+        Self::Line { path: path.display().to_string(), line, problem: problem.into() }
+    }
+
+    fn file(path: &Path, problem: impl Into<String>) -> Self {
+        Self::File { path: path.display().to_string(), problem: problem.into() }
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

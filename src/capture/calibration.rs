@@ -1,0 +1,414 @@
+//! What is known about the cameras of a recording.
+
+use super::{CaptureError, calibration_files, text};
+use crate::image::Size;
+use crate::math::{Pinhole, Pose, pose_from_xyzw};
+use kornia_imgproc::calibration::CameraIntrinsic;
+use kornia_imgproc::calibration::distortion::{PolynomialDistortion, distort_point_polynomial};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Colour camera, depth camera, and how the depth pictures are to be read. Stored as TOML.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    pub name: String,
+    /// Where the numbers are from, and how far to trust them.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub notes: String,
+    /// Depth pictures are taken, or were already warped, through the colour camera.
+    pub registered: bool,
+    /// Depth units per metre.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_factor: Option<f64>,
+    /// Stored depth values that mean "nothing measured".
+    #[serde(default = "default_invalid_depth")]
+    pub invalid_depth: Vec<u16>,
+    /// The camera whose poses a recording with this calibration holds.
+    #[serde(default)]
+    pub poses_of: PoseOwner,
+    pub color: CameraModel,
+    /// Of an unregistered recording.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<CameraModel>,
+    /// Of an unregistered recording: a point in depth camera axes moved into colour camera axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color_from_depth: Option<Rigid>,
+}
+
+fn default_invalid_depth() -> Vec<u16> {
+    vec![0, u16::MAX]
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PoseOwner {
+    #[default]
+    Color,
+    Depth,
+}
+
+/// One camera as built: focal lengths and principal point in pixels, lens distortion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraModel {
+    pub width: usize,
+    pub height: usize,
+    pub fx: f64,
+    pub fy: f64,
+    pub cx: f64,
+    pub cy: f64,
+    #[serde(default, skip_serializing_if = "Distortion::is_none")]
+    pub distortion: Distortion,
+}
+
+/// Lens distortion, in OpenCV's definitions and order of coefficients.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Distortion {
+    #[default]
+    None,
+    /// Brown-Conrady ("plumb bob").
+    Brown { k1: f64, k2: f64, p1: f64, p2: f64, k3: f64 },
+    /// Brown-Conrady with a denominator ("rational polynomial").
+    Rational { k1: f64, k2: f64, p1: f64, p2: f64, k3: f64, k4: f64, k5: f64, k6: f64 },
+    /// Equidistant fish-eye (Kannala and Brandt 2006). Kept in files; such pictures are not rectified.
+    KannalaBrandt { k1: f64, k2: f64, k3: f64, k4: f64 },
+}
+
+/// A rigid transform as files hold it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rigid {
+    pub translation_m: [f64; 3],
+    pub rotation_xyzw: [f64; 4],
+}
+
+impl Rigid {
+    pub fn from_pose(pose: &Pose) -> Self {
+        let (t, q) = (pose.translation.vector, pose.rotation.coords);
+        Self { translation_m: [t.x, t.y, t.z], rotation_xyzw: [q.x, q.y, q.z, q.w] }
+    }
+
+    /// `None` where a number is not finite or the quaternion has no length.
+    pub fn pose(&self) -> Option<Pose> {
+        pose_from_xyzw(self.translation_m, self.rotation_xyzw)
+    }
+}
+
+impl Distortion {
+    pub fn is_none(&self) -> bool {
+        *self == Self::None
+    }
+
+    /// A distorted point of the image plane at z = 1 from an ideal one; `None` for fish-eye models.
+    pub fn distort(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        let unit = CameraIntrinsic { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
+        self.polynomial().map(|p| distort_point_polynomial(x, y, &unit, &p))
+    }
+
+    /// The ideal point of a distorted one, by Newton's method. `None` for fish-eye models, and where the
+    /// distortion folds the image so that there is no nearby answer.
+    pub fn undistort(&self, xd: f64, yd: f64) -> Option<(f64, f64)> {
+        const STEP: f64 = 1e-6;
+        const CLOSE: f64 = 1e-9;
+        let (mut x, mut y) = (xd, yd);
+        for _ in 0..20 {
+            let (ex, ey) = self.distort(x, y)?;
+            let (rx, ry) = (xd - ex, yd - ey);
+            if rx.abs().max(ry.abs()) < CLOSE {
+                return Some((x, y));
+            }
+            let ((ax, ay), (bx, by)) = (self.distort(x + STEP, y)?, self.distort(x, y + STEP)?);
+            let (xx, yx) = ((ax - ex) / STEP, (ay - ey) / STEP);
+            let (xy, yy) = ((bx - ex) / STEP, (by - ey) / STEP);
+            let determinant = xx * yy - xy * yx;
+            if determinant.is_nan() || determinant < 1e-3 {
+                return None;
+            }
+            x += (yy * rx - xy * ry) / determinant;
+            y += (xx * ry - yx * rx) / determinant;
+        }
+        None
+    }
+
+    pub(super) fn polynomial(&self) -> Option<PolynomialDistortion> {
+        let zero = PolynomialDistortion::default();
+        match *self {
+            Self::None => Some(zero),
+            Self::Brown { k1, k2, p1, p2, k3 } => {
+                Some(PolynomialDistortion { k1, k2, k3, p1, p2, ..zero })
+            }
+            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
+                Some(PolynomialDistortion { k1, k2, k3, k4, k5, k6, p1, p2 })
+            }
+            Self::KannalaBrandt { .. } => None,
+        }
+    }
+
+    fn coefficients(&self) -> Vec<f64> {
+        match *self {
+            Self::None => vec![],
+            Self::Brown { k1, k2, p1, p2, k3 } => vec![k1, k2, p1, p2, k3],
+            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
+                vec![k1, k2, p1, p2, k3, k4, k5, k6]
+            }
+            Self::KannalaBrandt { k1, k2, k3, k4 } => vec![k1, k2, k3, k4],
+        }
+    }
+}
+
+impl CameraModel {
+    pub fn size(&self) -> Size {
+        Size::new(self.width, self.height)
+    }
+
+    /// The camera of the rectified picture: same size, same focal lengths and principal point.
+    pub fn pinhole(&self) -> Pinhole {
+        Pinhole {
+            width: self.width,
+            height: self.height,
+            fx: self.fx as f32,
+            fy: self.fy as f32,
+            cx: self.cx as f32,
+            cy: self.cy as f32,
+        }
+    }
+
+    /// The same camera delivering pictures of another size; `None` where the aspect differs, because
+    /// then the picture was cropped in a way that no one can guess.
+    pub fn scaled_to(&self, size: Size) -> Option<Self> {
+        let s = size.width as f64 / self.width as f64;
+        // One pixel of rounding in the smaller picture.
+        if (self.height as f64 * s - size.height as f64).abs() > 1.0 {
+            return None;
+        }
+        Some(Self {
+            width: size.width,
+            height: size.height,
+            fx: self.fx * s,
+            fy: self.fy * s,
+            cx: (self.cx + 0.5) * s - 0.5,
+            cy: (self.cy + 0.5) * s - 0.5,
+            distortion: self.distortion,
+        })
+    }
+
+    fn problems(&self, which: &str, found: &mut Vec<String>) {
+        if self.width == 0
+            || self.height == 0
+            || self.width.saturating_mul(self.height) > super::MAX_PIXELS
+        {
+            found.push(format!("{which} size {}x{}", self.width, self.height));
+        }
+        if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
+            found.push(format!("{which} focal lengths {} {} are not positive", self.fx, self.fy));
+        }
+        if !(self.cx.is_finite() && self.cy.is_finite()) {
+            found.push(format!("{which} principal point {} {}", self.cx, self.cy));
+        }
+        if self.distortion.coefficients().iter().any(|c| !c.is_finite()) {
+            found.push(format!("{which} distortion is not finite"));
+        }
+    }
+}
+
+impl Calibration {
+    /// A camera whose depth is registered, without anything else known.
+    pub fn registered(name: impl Into<String>, color: CameraModel) -> Self {
+        Self {
+            name: name.into(),
+            notes: String::new(),
+            registered: true,
+            depth_factor: None,
+            invalid_depth: default_invalid_depth(),
+            poses_of: PoseOwner::Color,
+            color,
+            depth: None,
+            color_from_depth: None,
+        }
+    }
+
+    pub fn from_toml(content: &str) -> Result<Self, String> {
+        let calibration: Self = toml::from_str(content).map_err(|e| e.to_string())?;
+        calibration.check()?;
+        Ok(calibration)
+    }
+
+    pub fn to_toml(&self) -> Result<String, CaptureError> {
+        toml::to_string(self).map_err(|e| CaptureError::Sequence(format!("calibration: {e}")))
+    }
+
+    /// Reads own TOML, OpenCV and ROS YAML, ORB-SLAM settings, or Open3D JSON, by what the file is.
+    /// `pictures` is the size to assume where the file gives none.
+    pub fn read(path: &Path, pictures: Option<Size>) -> Result<Self, CaptureError> {
+        let content = text::read(path)?;
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_lowercase();
+        let name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let read = match extension.as_str() {
+            "toml" => Self::from_toml(&content),
+            "yaml" | "yml" => calibration_files::from_yaml(&name, &content, pictures),
+            "json" => calibration_files::from_open3d_json(&name, &content),
+            "txt" => calibration_files::from_text(&name, &content, pictures),
+            _ => Err("not a calibration file: .toml, .yaml, .yml, .json and .txt are read".into()),
+        };
+        let checked = read.and_then(|c| c.check().map(|()| c));
+        checked.map_err(|problem| CaptureError::file(path, problem))
+    }
+
+    /// All that is wrong, at once.
+    pub fn check(&self) -> Result<(), String> {
+        let mut found = Vec::new();
+        self.color.problems("color", &mut found);
+        if let Some(depth) = &self.depth {
+            depth.problems("depth", &mut found);
+        }
+        if self.depth_factor.is_some_and(|f| !(f > 0.0 && f.is_finite())) {
+            found.push(format!("depth_factor {:?} is not positive", self.depth_factor));
+        }
+        if self.color_from_depth.is_some_and(|r| r.pose().is_none()) {
+            found.push("color_from_depth is no rigid transform".into());
+        }
+        if !self.registered && (self.depth.is_none() || self.color_from_depth.is_none()) {
+            found.push("unregistered, so [depth] and [color_from_depth] are needed".into());
+        }
+        if found.is_empty() { Ok(()) } else { Err(found.join("; ")) }
+    }
+}
+
+/// Calibrations that come with the program: name, what to look for in a folder's name, content.
+const BUILT_IN: [(&str, &[&str], &str); 6] = [
+    ("tum_freiburg1", &["freiburg1", "fr1"], include_str!("../../calib/tum_freiburg1.toml")),
+    ("tum_freiburg2", &["freiburg2", "fr2"], include_str!("../../calib/tum_freiburg2.toml")),
+    ("tum_freiburg3", &["freiburg3", "fr3"], include_str!("../../calib/tum_freiburg3.toml")),
+    (
+        "dynamic_hands_cup",
+        &["dynamic_hands_cup"],
+        include_str!("../../calib/dynamic_hands_cup.toml"),
+    ),
+    (SEVEN_SCENES, &[], include_str!("../../calib/7scenes_redkitchen.toml")),
+    (KINECT_V1, &[], include_str!("../../calib/kinect_v1.toml")),
+];
+
+pub(super) const SEVEN_SCENES: &str = "7scenes_redkitchen";
+pub(super) const KINECT_V1: &str = "kinect_v1";
+
+pub fn built_in_names() -> impl Iterator<Item = &'static str> {
+    BUILT_IN.iter().map(|(name, ..)| *name)
+}
+
+/// A calibration that comes with the program; `None` where there is none of that name.
+pub fn built_in(name: &str) -> Option<Calibration> {
+    let (.., content) = BUILT_IN.iter().find(|(n, ..)| *n == name)?;
+    Some(Calibration::from_toml(content).expect("built-in calibrations are tested"))
+}
+
+/// The built-in calibration of a well-known recording, by the name of its folder.
+pub(super) fn built_in_for_folder(folder: &Path) -> Option<Calibration> {
+    let name = folder.file_name()?.to_string_lossy().to_lowercase();
+    let words: Vec<_> = name.split(|c: char| !c.is_ascii_alphanumeric()).collect();
+    let known = |key: &&str| name == *key || words.contains(key);
+    let (found, ..) = BUILT_IN.iter().find(|(_, keys, _)| keys.iter().any(known))?;
+    built_in(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn full() -> Calibration {
+        let lens = Distortion::Brown {
+            k1: 0.262383,
+            k2: -0.953104,
+            p1: -0.005358,
+            p2: 0.002628,
+            k3: 1.163314,
+        };
+        let color = CameraModel {
+            width: 640,
+            height: 480,
+            fx: 517.306408,
+            fy: 516.469215,
+            cx: 318.64304,
+            cy: 255.313989,
+            distortion: lens,
+        };
+        let depth = CameraModel { fx: 585.1, distortion: Distortion::None, ..color };
+        let shift = Rigid {
+            translation_m: [0.025, -1e-3, 0.1 + 0.2],
+            rotation_xyzw: [0.0, 0.1, 0.0, 0.99],
+        };
+        Calibration {
+            notes: "line 1\n\"line\" 2".into(),
+            registered: false,
+            depth_factor: Some(1000.0 / 3.0),
+            invalid_depth: vec![0, 2047],
+            poses_of: PoseOwner::Depth,
+            depth: Some(depth),
+            color_from_depth: Some(shift),
+            ..Calibration::registered("made", color)
+        }
+    }
+
+    #[test]
+    fn toml_round_trip_is_exact() {
+        let mut calibration = full();
+        for lens in [
+            calibration.color.distortion,
+            Distortion::None,
+            Distortion::KannalaBrandt { k1: 0.1, k2: 0.2, k3: -0.3, k4: 1e-9 },
+            Distortion::Rational { k1: 1., k2: 2., p1: 3., p2: 4., k3: 5., k4: 6., k5: 7., k6: 8. },
+        ] {
+            calibration.color.distortion = lens;
+            let text = calibration.to_toml().unwrap();
+            assert_eq!(Calibration::from_toml(&text).unwrap(), calibration, "{text}");
+        }
+    }
+
+    #[test]
+    fn undistorting_undoes_distorting() {
+        let lens = full().color.distortion;
+        for (x, y) in [(0.0, 0.0), (0.5, -0.4), (-0.61, 0.49), (0.2, 0.3)] {
+            let (xd, yd) = lens.distort(x, y).unwrap();
+            let (xu, yu) = lens.undistort(xd, yd).unwrap();
+            assert!((xu - x).abs() < 1e-8 && (yu - y).abs() < 1e-8, "{x} {y}: {xu} {yu}");
+        }
+        // This lens folds far outside the picture: no answer rather than a wrong one.
+        let fold = Distortion::Brown { k1: -0.5, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 };
+        assert!(fold.undistort(3.0, 3.0).is_none());
+    }
+
+    #[test]
+    fn every_problem_is_named_at_once() {
+        let mut broken = full();
+        broken.color.fx = -1.0;
+        broken.depth_factor = Some(f64::NAN);
+        broken.color_from_depth = None;
+        let problem = broken.check().unwrap_err();
+        for word in ["focal", "depth_factor", "color_from_depth"] {
+            assert!(problem.contains(word), "{problem}");
+        }
+        assert!(Calibration::from_toml("name = \"x\"\nregistered = true\ntypo = 1").is_err());
+    }
+
+    #[test]
+    fn built_in_files_read_and_are_found_by_folder() {
+        for name in built_in_names() {
+            assert_eq!(built_in(name).unwrap().name, name);
+        }
+        let of = |folder: &str| built_in_for_folder(Path::new(folder)).map(|c| c.name);
+        assert_eq!(of("/x/rgbd_dataset_freiburg2_desk").unwrap(), "tum_freiburg2");
+        assert_eq!(of("fr1-desk").unwrap(), "tum_freiburg1");
+        assert_eq!(of("/x/dynamic_hands_cup").unwrap(), "dynamic_hands_cup");
+        assert_eq!(of("/fr1/office"), None);
+    }
+
+    #[test]
+    fn scaling_keeps_rays_and_refuses_crops() {
+        let camera = CameraModel { distortion: Distortion::None, ..full().color };
+        let half = camera.scaled_to(Size::new(320, 240)).unwrap();
+        // pixel 10 of the half picture covers pixels 20 and 21: centre 20.5
+        assert!(((20.5 - camera.cx) / camera.fx - (10.0 - half.cx) / half.fx).abs() < 1e-12);
+        assert!(camera.scaled_to(Size::new(640, 360)).is_none());
+    }
+}
