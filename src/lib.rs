@@ -28,6 +28,8 @@ pub mod compositing;
 
 pub mod eval;
 
+pub mod output;
+
 pub mod image;
 pub mod math;
 pub mod mesh;
