@@ -28,6 +28,14 @@ pub mod compositing;
 
 pub mod eval;
 
+pub mod output;
+
+pub mod pipeline;
+
+pub mod replay;
+
+pub mod synth;
+
 pub mod config;
 pub mod image;
 pub mod math;

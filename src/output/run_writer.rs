@@ -1,0 +1,209 @@
+//! Everything that a run leaves behind, frame by frame.
+
+use super::{
+    FrameTiming, LightLog, LightRecord, OutputError, Panorama, TimingSummary, TimingsLog,
+    TrajectoryWriter, Video, VideoStart, atomic_write, write_color_png, write_environment,
+    write_ply, write_timings_json,
+};
+use crate::image::Image;
+use crate::lighting::LightChannels;
+use crate::pipeline::{FrameOutcome, Pipeline};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Rows of `environment.hdr`; it is twice as wide.
+const ENVIRONMENT_HEIGHT: usize = 256;
+
+/// Frame rate of `augmented.mp4`.
+const VIDEO_FRAMES_PER_S: f64 = 30.0;
+
+/// Which files are written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OutputPlan {
+    pub frames: bool,
+    pub light: bool,
+    pub environment: bool,
+    pub trajectory: bool,
+    pub mesh: bool,
+    pub timings: bool,
+    pub video: bool,
+}
+
+impl OutputPlan {
+    pub const NOTHING: Self = Self {
+        frames: false,
+        light: false,
+        environment: false,
+        trajectory: false,
+        mesh: false,
+        timings: false,
+        video: false,
+    };
+
+    pub const ALL_BUT_VIDEO: Self = Self {
+        frames: true,
+        light: true,
+        environment: true,
+        trajectory: true,
+        mesh: true,
+        timings: true,
+        video: false,
+    };
+}
+
+/// Makes a picture of one buffer of the pipeline; `None` where there is none in this frame.
+pub type BufferPicture = Box<dyn Fn(&Pipeline) -> Option<Image<[u8; 3]>> + Send>;
+
+/// Writes a run into one folder. Logs are valid after every frame; whole files appear at once.
+pub struct RunWriter {
+    folder: PathBuf,
+    plan: OutputPlan,
+    light: Option<LightLog>,
+    trajectory: Option<TrajectoryWriter>,
+    timings_log: Option<TimingsLog>,
+    video: Option<Video>,
+    buffers: Vec<(String, BufferPicture)>,
+    warm_up: usize,
+    timings: Vec<FrameTiming>,
+}
+
+impl RunWriter {
+    /// Makes the folder and the logs, and writes `settings.toml`. `buffers` are written for every
+    /// frame into a folder of their name.
+    pub fn create(
+        folder: &Path,
+        plan: OutputPlan,
+        pipeline: &Pipeline,
+        buffers: Vec<(String, BufferPicture)>,
+        warm_up: usize,
+    ) -> Result<Self, OutputError> {
+        make_folder(folder)?;
+        for name in buffers.iter().map(|(name, _)| name.as_str()).chain(plan.frames.then_some("frames")) {
+            make_folder(&folder.join(name))?;
+        }
+        let settings = pipeline.settings().to_toml();
+        atomic_write(&folder.join("settings.toml"), |out| out.write_all(settings.as_bytes()))?;
+        let video = match plan.video {
+            true => start_video(&folder.join("augmented.mp4"), pipeline)?,
+            false => None,
+        };
+        let path = |name: &str| folder.join(name);
+        Ok(Self {
+            light: plan.light.then(|| LightLog::create(&path("light.jsonl"))).transpose()?,
+            trajectory: plan
+                .trajectory
+                .then(|| TrajectoryWriter::create(&path("trajectory.txt")))
+                .transpose()?,
+            timings_log: plan
+                .timings
+                .then(|| TimingsLog::create(&path("timings.csv")))
+                .transpose()?,
+            folder: folder.to_owned(),
+            plan,
+            video,
+            buffers,
+            warm_up,
+            timings: Vec::new(),
+        })
+    }
+
+    pub fn frame(&mut self, pipeline: &Pipeline, outcome: &FrameOutcome) -> Result<(), OutputError> {
+        let name = format!("{:06}.png", outcome.index);
+        if self.plan.frames {
+            write_color_png(&self.folder.join("frames").join(&name), pipeline.composed())?;
+        }
+        for (buffer, picture) in &self.buffers {
+            if let Some(picture) = picture(pipeline) {
+                write_color_png(&self.folder.join(buffer).join(&name), &picture)?;
+            }
+        }
+        if let Some(video) = &mut self.video {
+            video.push(pipeline.composed())?;
+        }
+        if let Some(log) = &mut self.light {
+            log.push(&light_record(outcome, pipeline.settings().light.channels))?;
+        }
+        if let (Some(trajectory), true) = (&mut self.trajectory, outcome.composed) {
+            trajectory.push(outcome.timestamp_s, &outcome.tracking.world_from_camera)?;
+        }
+        let timing = frame_timing(outcome);
+        if let Some(log) = &mut self.timings_log {
+            log.push(&timing)?;
+        }
+        self.timings.push(timing);
+        Ok(())
+    }
+
+    /// Writes what is known only at the end.
+    pub fn finish(
+        &mut self,
+        pipeline: &Pipeline,
+        summary: &impl serde::Serialize,
+    ) -> Result<(), OutputError> {
+        if let Some(video) = self.video.take() {
+            video.finish()?;
+        }
+        if self.plan.mesh {
+            write_ply(&self.folder.join("mesh.ply"), &pipeline.mesh())?;
+        }
+        if let (true, Some(light)) = (self.plan.environment, pipeline.light()) {
+            let path = self.folder.join("environment.hdr");
+            write_environment(&path, &light.light, Panorama::z_up(), ENVIRONMENT_HEIGHT)?;
+        }
+        if let (true, Some(timings)) = (self.plan.timings, self.timing_summary()) {
+            write_timings_json(&self.folder.join("timings.json"), &timings)?;
+        }
+        let json = serde_json::to_vec_pretty(summary).expect("a summary is plain data");
+        atomic_write(&self.folder.join("summary.json"), |out| out.write_all(&json))
+    }
+
+    /// Stage times after warm-up; `None` before any frame.
+    pub fn timing_summary(&self) -> Option<TimingSummary> {
+        let warm_up = self.warm_up.min(self.timings.len().saturating_sub(1));
+        TimingSummary::new(&self.timings, warm_up)
+    }
+}
+
+fn make_folder(path: &Path) -> Result<(), OutputError> {
+    std::fs::create_dir_all(path).map_err(|e| OutputError::io(path, e))
+}
+
+fn start_video(path: &Path, pipeline: &Pipeline) -> Result<Option<Video>, OutputError> {
+    match Video::start(path, pipeline.composed().size(), VIDEO_FRAMES_PER_S)? {
+        VideoStart::Started(video) => Ok(Some(video)),
+        VideoStart::Unavailable(reason) => {
+            log::warn!("no augmented.mp4: {reason}");
+            Ok(None)
+        }
+    }
+}
+
+fn light_record(outcome: &FrameOutcome, channels: LightChannels) -> LightRecord {
+    let estimate = &outcome.light;
+    let channel = |c: usize| estimate.light.coefficients.iter().map(|rgb| rgb[c]).collect();
+    LightRecord {
+        frame: outcome.index,
+        timestamp: outcome.timestamp_s,
+        bands: estimate.light.bands,
+        sh: match channels {
+            LightChannels::Intensity => vec![channel(0)],
+            LightChannels::Rgb => (0..3).map(channel).collect(),
+        },
+        dominant_direction: estimate.light.dominant_direction().map(|d| d.to_array()),
+        condition: estimate.condition,
+        residual: estimate.residual,
+        std: estimate.deviation.iter().map(|&d| f64::from(d)).collect(),
+        pixels: estimate.pixels,
+    }
+}
+
+fn frame_timing(outcome: &FrameOutcome) -> FrameTiming {
+    FrameTiming {
+        frame: outcome.index,
+        timestamp_s: outcome.timestamp_s,
+        duration: outcome.times.update(),
+        stages: outcome.times,
+        position_m: outcome.tracking.world_from_camera.translation.vector.into(),
+        state: outcome.tracking.state,
+    }
+}
