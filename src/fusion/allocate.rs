@@ -147,6 +147,8 @@ impl TsdfVolume {
                 self.store.release(slot as u32);
             }
         }
-        debug_assert!(self.store.table.iter().filter(|&&s| s != EMPTY).count() == self.store.live_blocks());
+        debug_assert!(
+            self.store.table.iter().filter(|&&s| s != EMPTY).count() == self.store.live_blocks()
+        );
     }
 }

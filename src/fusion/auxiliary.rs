@@ -59,7 +59,8 @@ impl AuxiliaryRig {
 
     /// From the light, `towards_light` a unit vector.
     pub fn light_view(&self, towards_light: Vec3) -> View {
-        let down = if towards_light.dot(self.down).abs() < STEEP { self.down } else { self.forward };
+        let down =
+            if towards_light.dot(self.down).abs() < STEEP { self.down } else { self.forward };
         self.look(-towards_light, down)
     }
 

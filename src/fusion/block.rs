@@ -8,8 +8,9 @@ pub(super) const VOXELS: usize = SIDE * SIDE * SIDE;
 pub(super) const ONE: i16 = i16::MAX;
 /// Stored distance of a voxel that no frame has seen. Readers of distances need no weights.
 pub(super) const UNSEEN: i16 = i16::MIN;
-/// Table entry of a block without storage.
-pub(super) const EMPTY: u32 = u32::MAX;
+/// Table entry of a block without storage: slot 0 holds one unseen block that stands for all of
+/// them, so that a reader may follow any entry.
+pub(super) const EMPTY: u32 = 0;
 
 /// Slots are added in chunks of this many, 2 MiB.
 const GROWTH: usize = 1024;
@@ -57,17 +58,19 @@ pub(super) struct BlockStore {
 impl BlockStore {
     pub fn new(grid: usize, color: bool) -> Self {
         let table = vec![EMPTY; grid * grid * grid];
-        Self { grid, table, blocks: Vec::new(), free: Vec::new(), color }
+        let mut store = Self { grid, table, blocks: Vec::new(), free: Vec::new(), color };
+        store.push();
+        store
     }
 
     pub fn clear(&mut self) {
         self.table.fill(EMPTY);
-        self.blocks.clear();
+        self.blocks.truncate(1);
         self.free.clear();
     }
 
     pub fn live_blocks(&self) -> usize {
-        self.blocks.len() - self.free.len()
+        self.blocks.len() - 1 - self.free.len()
     }
 
     pub fn index(&self, coords: [u16; 3]) -> usize {

@@ -113,7 +113,8 @@ impl<'a> Fuse<'a> {
         }
         let inside = |position: f32, scale: f32, centre: f32, pixels: usize| {
             // half-spaces u >= -1/2 and u <= pixels - 1/2, multiplied by w
-            let w = |c: f32| (c * self.by_depth * p.z + c * (1.0 - self.by_depth), c * self.by_depth);
+            let w =
+                |c: f32| (c * self.by_depth * p.z + c * (1.0 - self.by_depth), c * self.by_depth);
             let ((low, low_z), (high, high_z)) = (w(centre + 0.5), w(pixels as f32 - 0.5 - centre));
             position * scale + low >= -radius * scale.hypot(low_z)
                 && high - position * scale >= -radius * scale.hypot(high_z)
@@ -165,11 +166,8 @@ fn look_up(fuse: &Fuse<'_>, first: Vec3) -> Option<Seen> {
         let w = pz * fuse.by_depth + (1.0 - fuse.by_depth);
         let u = px * fuse.scale.x / w + fuse.centre.x;
         let v = py * fuse.scale.y / w + fuse.centre.y;
-        let inside = (pz > NEAREST_M)
-            & (u >= -0.5)
-            & (v >= -0.5)
-            & (u <= right + 0.5)
-            & (v <= bottom + 0.5);
+        let inside =
+            (pz > NEAREST_M) & (u >= -0.5) & (v >= -0.5) & (u <= right + 0.5) & (v <= bottom + 0.5);
         // max before min: NaN becomes 0
         let (u, v) = (u.max(0.0).min(right), v.max(0.0).min(bottom));
         // SAFETY: both are finite and within [0, 2^31), as image sides are.
@@ -194,7 +192,8 @@ fn look_up(fuse: &Fuse<'_>, first: Vec3) -> Option<Seen> {
             // (`integrate` compares the sizes).
             tap[i] = unsafe { *fuse.depth_m.get_unchecked((at + offset) as usize) };
         }
-        pixel[i] = at + if fx[i] >= 0.5 { step_x } else { 0 } + if fy[i] >= 0.5 { step_y } else { 0 };
+        pixel[i] =
+            at + if fx[i] >= 0.5 { step_x } else { 0 } + if fy[i] >= 0.5 { step_y } else { 0 };
     }
     let mut distance_m = [0f32; LANES];
     for i in 0..LANES {

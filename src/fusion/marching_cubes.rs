@@ -9,9 +9,18 @@ use std::sync::LazyLock;
 /// Corner i is at (i & 1, i >> 1 & 1, i >> 2). Edge 4 a + k runs along axis a from its k-th
 /// corner with bit a clear.
 pub(super) const EDGES: [[usize; 2]; 12] = [
-    [0, 1], [2, 3], [4, 5], [6, 7],
-    [0, 2], [1, 3], [4, 6], [5, 7],
-    [0, 4], [1, 5], [2, 6], [3, 7],
+    [0, 1],
+    [2, 3],
+    [4, 5],
+    [6, 7],
+    [0, 2],
+    [1, 3],
+    [4, 6],
+    [5, 7],
+    [0, 4],
+    [1, 5],
+    [2, 6],
+    [3, 7],
 ];
 
 /// Corners of each face, counter-clockwise seen from outside.
@@ -38,7 +47,7 @@ fn loops(inside: u8) -> Vec<Vec<usize>> {
             let end = (k + 1..k + 4).find(|&j| !is_inside(j + 1)).expect("corner k is outside");
             let enter = edge_between(face[k], face[(k + 1) % 4]);
             let leave = edge_between(face[end % 4], face[(end + 1) % 4]);
-            next[leave] = Some(enter);
+            next[enter] = Some(leave);
         }
     }
     let mut found = Vec::new();

@@ -49,10 +49,8 @@ impl TsdfVolume {
             block.first = total;
             total += block.count();
         }
-        let triangles: Vec<Vec<[u32; 3]>> = blocks
-            .par_iter()
-            .map(|block| self.block_triangles(block, &crossed))
-            .collect();
+        let triangles: Vec<Vec<[u32; 3]>> =
+            blocks.par_iter().map(|block| self.block_triangles(block, &crossed)).collect();
         let vertices: Vec<Vec<Vertex>> = blocks
             .par_iter()
             .zip(&crossed)
@@ -138,11 +136,8 @@ impl TsdfVolume {
         let mut inside = 0;
         for i in 0..8 {
             let corner = base + corner_offset(i);
-            let value = if whole {
-                self.reliable_in(block, local(corner))
-            } else {
-                self.reliable(corner)
-            }?;
+            let value =
+                if whole { self.reliable_in(block, local(corner)) } else { self.reliable(corner) }?;
             inside |= u8::from(value < 0) << i;
         }
         Some(inside)

@@ -93,7 +93,8 @@ impl SurfaceStage {
             (0..self.shown.len()).filter(|&i| self.shown[i].revision != Some(revision)).collect();
         // never cast sorts first, then the oldest; the sort is stable
         stale.sort_by_key(|&i| self.shown[i].revision);
-        let limited = self.params.refresh_per_frame > 0 && self.updates >= self.params.warm_up_updates;
+        let limited =
+            self.params.refresh_per_frame > 0 && self.updates >= self.params.warm_up_updates;
         if limited {
             let moved = stale.iter().filter(|&&i| self.shown[i].revision.is_none()).count();
             stale.truncate(moved.max(self.params.refresh_per_frame));

@@ -71,7 +71,7 @@ impl TileMap {
             (min, max) = (Vec2::ZERO, Vec2::splat(f32::MAX));
         }
         // one pixel more against rounding; casts saturate
-        let last = |pixels: usize, tiles: usize| ((pixels + 1) / TILE).min(tiles - 1);
+        let last = |pixels: usize, tiles: usize| (pixels.saturating_add(1) / TILE).min(tiles - 1);
         if max.x < -1.0 || max.y < -1.0 || self.ranges.is_empty() {
             return;
         }

@@ -62,7 +62,12 @@ fn arc(poses: usize) -> impl Iterator<Item = Pose> {
     })
 }
 
-fn integrate_arc(volume: &mut TsdfVolume, scene: &AnalyticScene, size: (usize, usize), poses: usize) {
+fn integrate_arc(
+    volume: &mut TsdfVolume,
+    scene: &AnalyticScene,
+    size: (usize, usize),
+    poses: usize,
+) {
     for pose in arc(poses) {
         let view = View::perspective(camera(size.0, size.1), pose);
         volume.integrate(&render(scene, &view), &view).unwrap();
