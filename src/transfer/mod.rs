@@ -14,11 +14,15 @@ mod occluder;
 mod radiance_transfer;
 pub mod reference;
 #[cfg(test)]
-mod study_tests;
+mod test_support;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod time_tests;
+#[cfg(test)]
+mod truth_tests;
+#[cfg(test)]
+mod virtual_tests;
 
 pub use directions::DirectionSet;
 pub use radiance_transfer::{Buffers, RadianceTransfer};

@@ -78,10 +78,12 @@ impl Occluder {
         first_code: u32,
     ) {
         let x = transformed(&self.view_from_main, &samples.x);
+        let turn = Affine3A::from_mat3(self.view_from_main.matrix3.into());
+        let n = transformed(&turn, &samples.n);
         if self.perspective {
-            self.cast_as::<true, TRACK>(&x, samples, best, hit, first_code);
+            self.cast_as::<true, TRACK>(&x, &n, samples, best, hit, first_code);
         } else {
-            self.cast_as::<false, TRACK>(&x, samples, best, hit, first_code);
+            self.cast_as::<false, TRACK>(&x, &n, samples, best, hit, first_code);
         }
     }
 
@@ -89,6 +91,7 @@ impl Occluder {
     fn cast_as<const PERSPECTIVE: bool, const TRACK: bool>(
         &self,
         x: &[[f32; LANES]; 3],
+        n: &[[f32; LANES]; 3],
         samples: &Samples,
         best: &mut [[f32; LANES]],
         hit: &mut [[u32; LANES]],
@@ -141,7 +144,9 @@ impl Occluder {
                     // A surface at x itself has no direction and hides nothing: 0 / 1e-20.
                     let cosine =
                         (tx * wx + ty * wy + tz * wz) / if length > 1e-20 { length } else { 1e-20 };
-                    let nearer = (z[i] > limit[i]) & (cosine > best[k][i]);
+                    // What lies below the horizon of x cannot hide anything above it.
+                    let above = tx * n[0][i] + ty * n[1][i] + tz * n[2][i] > 0.0;
+                    let nearer = (z[i] > limit[i]) & above & (cosine > best[k][i]);
                     best[k][i] = if nearer { cosine } else { best[k][i] };
                     if TRACK {
                         hit[k][i] = if nearer { first_code + index[i] as u32 } else { hit[k][i] };
@@ -160,8 +165,9 @@ impl Occluder {
 /// 16 surface points and the directions to look along.
 pub(super) struct Samples<'a> {
     pub set: &'a DirectionSet,
-    /// Points in main-view axes, lifted off their surface.
+    /// Points in main-view axes, lifted off their surface, and the surface's normals.
     pub x: [[f32; LANES]; 3],
+    pub n: [[f32; LANES]; 3],
     /// The first point's place in the grid, which the jitter depends on.
     pub i: usize,
     pub j: usize,

@@ -1,7 +1,7 @@
 //! Timings, printed on request:
 //! `cargo test --release --lib time_transfer -- --ignored --nocapture`.
 
-use super::tests::support::{auxiliary_views, camera, paint_virtual};
+use super::test_support::{auxiliary_views, camera, paint_virtual};
 use super::*;
 use crate::image::Image;
 use crate::scene::analytic::{AnalyticScene, Shape};
