@@ -60,7 +60,9 @@ pub(super) struct Batch {
     pub valid: [bool; LANES],
     /// In main-view axes, lifted off the surface along the normal.
     pub x: [[f32; LANES]; 3],
-    /// World axes.
+    /// Normals in main-view axes.
+    pub n_in_main: [[f32; LANES]; 3],
+    /// Normals in world axes.
     pub n: [[f32; LANES]; 3],
 }
 
@@ -84,6 +86,7 @@ impl Batch {
         }
         let mut valid = [false; LANES];
         let mut x = [[0f32; LANES]; 3];
+        let mut n_in_main = [[0f32; LANES]; 3];
         let y = (row as f32 - receivers.centre.y) * receivers.inverse_scale.y;
         let m = receivers.main_from_world.to_cols_array_2d();
         for k in 0..LANES {
@@ -97,11 +100,12 @@ impl Batch {
             let point = [px * w, y * w, depth];
             for axis in 0..3 {
                 let normal = m[0][axis] * nx + m[1][axis] * ny + m[2][axis] * nz;
+                n_in_main[axis][k] = normal;
                 x[axis][k] = point[axis] + receivers.lift_m * normal;
             }
             (n[0][k], n[1][k], n[2][k]) = (nx, ny, nz);
         }
-        Self { i, j, count, valid, x, n }
+        Self { i, j, count, valid, x, n_in_main, n }
     }
 
     pub fn any_valid(&self) -> bool {
@@ -160,7 +164,14 @@ impl Scratch {
                 self.active.push(direction as u32);
             }
         }
-        let samples = Samples { set, x: batch.x, i: batch.i, j: batch.j, active: &self.active };
+        let samples = Samples {
+            set,
+            x: batch.x,
+            n: batch.n_in_main,
+            i: batch.i,
+            j: batch.j,
+            active: &self.active,
+        };
         let mut first_code = 0;
         for occluder in occluders {
             occluder.cast::<TRACK>(&samples, &mut self.best, &mut self.hit, first_code);

@@ -24,6 +24,8 @@ pub struct DirectionSet {
     pub chi: f32,
     bands: usize,
     tile: usize,
+    /// Samples a direction.
+    pub(super) samples: usize,
     /// `row_length` values of Y a direction, zero beyond the bands.
     rows: Vec<f32>,
     /// Metres; [tile row][direction][tile column, repeated so that 16 follow any column].
@@ -40,6 +42,7 @@ impl DirectionSet {
         let chi = match params.chi {
             ChiReading::Text => 1.0 - cosine,
             ChiReading::Printed => cosine,
+            ChiReading::Neighbour => 1.0 - neighbour_angle.cos(),
         };
         let directions: Vec<Vec3> = points.iter().map(|p| p.as_vec3()).collect();
         let row_length = row_length(params.bands);
@@ -54,6 +57,7 @@ impl DirectionSet {
             chi: chi as f32,
             bands: params.bands,
             tile: params.jitter_tile,
+            samples: params.samples,
             rows,
             distances_m: tiled_distances(params),
             directions,
@@ -74,15 +78,22 @@ impl DirectionSet {
     }
 
     /// Distance in metres of the sample in `direction` at grid point (i, j).
-    pub fn distance_m(&self, direction: usize, i: usize, j: usize) -> f32 {
-        self.distances(direction, i, j)[0]
+    pub fn distance_m(&self, direction: usize, sample: usize, i: usize, j: usize) -> f32 {
+        self.distances(direction, sample, i, j)[0]
     }
 
     /// The distances of 16 grid points in a row, from (i, j) on.
     #[inline(always)]
-    pub(super) fn distances(&self, direction: usize, i: usize, j: usize) -> &[f32; LANES] {
+    pub(super) fn distances(
+        &self,
+        direction: usize,
+        sample: usize,
+        i: usize,
+        j: usize,
+    ) -> &[f32; LANES] {
         let stride = self.tile + LANES;
-        let start = ((j % self.tile) * self.len() + direction) * stride + i % self.tile;
+        let line = ((j % self.tile) * self.len() + direction) * self.samples + sample;
+        let start = line * stride + i % self.tile;
         self.distances_m[start..].first_chunk().expect("16 distances follow any tile column")
     }
 
@@ -173,14 +184,17 @@ fn tiled_distances(params: &TransferParams) -> Vec<f32> {
     let tile = params.jitter_tile;
     let cells = (tile * tile) as f64;
     let start = f64::from(unit_f32(hash(params.seed ^ 0x5bd1_e995)));
-    let mut out = Vec::with_capacity(tile * params.directions * (tile + LANES));
+    let mut out = Vec::with_capacity(tile * params.directions * params.samples * (tile + LANES));
     for row in 0..tile {
         for direction in 0..params.directions {
             let base = start + direction as f64 * std::f64::consts::SQRT_2;
-            for column in 0..tile + LANES {
-                let stratum = cell_order(row, column % tile, tile);
-                let share = 1.0 - (base + stratum as f64 / cells).fract();
-                out.push((f64::from(params.radius_m) * share) as f32);
+            for sample in 0..params.samples {
+                for column in 0..tile + LANES {
+                    let stratum = cell_order(row, column % tile, tile);
+                    let within = 1.0 - (base + stratum as f64 / cells).fract();
+                    let share = (sample as f64 + within) / params.samples as f64;
+                    out.push((f64::from(params.radius_m) * share) as f32);
+                }
             }
         }
     }

@@ -14,20 +14,43 @@ mod occluder;
 mod radiance_transfer;
 pub mod reference;
 #[cfg(test)]
+mod test_support;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod time_tests;
+#[cfg(test)]
+mod truth_tests;
+#[cfg(test)]
+mod virtual_tests;
 
 pub use directions::DirectionSet;
 pub use radiance_transfer::{Buffers, RadianceTransfer};
 
-/// The two readings of Eq. 9. alpha is the median angle between neighbouring directions.
+/// How far a surface may lie from a sample's direction and still hide it, as the chi of Eq. 8. alpha is
+/// the median angle between neighbouring directions.
+///
+/// 1 - K falls from 1 on the direction itself to 0 where 1 - t.w = chi. Relative L2 error against
+/// traced transfer (N = 32, two samples, radius 1 m, five buffers; a wall / a desk / a desk between
+/// walls):
+///
+/// | | one sample | two samples | four samples |
+/// | --- | --- | --- | --- |
+/// | `Text` | 0.49 / 0.21 / 0.43 | 0.45 / 0.18 / 0.35 | 0.40 / 0.14 / 0.27 |
+/// | `Neighbour` | 0.47 / 0.19 / 0.36 | 0.41 / 0.14 / 0.27 | 0.37 / 0.11 / 0.23 |
+/// | `Printed` | 0.45 / 0.18 / 0.32 | 0.40 / 0.15 / 0.31 | 0.37 / 0.17 / 0.34 |
+///
+/// With the text's cone a surface between two directions hides neither, and the narrower the cones
+/// (the larger N), the less is found. The printed one counts surfaces almost a right angle
+/// away, and more samples make it darker than the truth. Falling to 0 at the neighbours interpolates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ChiReading {
     /// chi = 1 - cos(alpha / 2): K reaches 1 at half the neighbours' angle, as the text says.
-    #[default]
     Text,
+    /// chi = 1 - cos(alpha): K reaches 1 at the neighbouring direction.
+    #[default]
+    Neighbour,
     /// chi = cos(alpha / 2), as printed: K reaches 1 only near a right angle.
     Printed,
 }
@@ -40,6 +63,9 @@ pub struct TransferParams {
     pub bands: usize,
     /// Directions over the whole sphere, 4 to 1024.
     pub directions: usize,
+    /// Samples along each direction, 1 (the paper's) to 16, each in its part of the radius. The surface
+    /// that fits the direction best counts.
+    pub samples: usize,
     /// Samples lie at up to this distance from the surface.
     pub radius_m: f32,
     /// Transfer is computed on every n-th pixel in x and y (1, 2, 4, 8).
@@ -57,7 +83,8 @@ impl Default for TransferParams {
         Self {
             bands: 4,
             directions: 32,
-            radius_m: 0.6,
+            samples: 2,
+            radius_m: 1.0,
             subsampling: 1,
             chi: ChiReading::default(),
             bias_m: 0.01,
@@ -96,6 +123,7 @@ impl TransferParams {
             &self.directions,
             "4 to 1024",
         )?;
+        allowed((1..=16).contains(&self.samples), "transfer.samples", &self.samples, "1 to 16")?;
         allowed(positive(self.radius_m), "transfer.radius_m", &self.radius_m, "positive")?;
         allowed(
             (1..=64).contains(&self.subsampling),

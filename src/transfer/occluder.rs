@@ -78,10 +78,12 @@ impl Occluder {
         first_code: u32,
     ) {
         let x = transformed(&self.view_from_main, &samples.x);
+        let turn = Affine3A::from_mat3(self.view_from_main.matrix3.into());
+        let n = transformed(&turn, &samples.n);
         if self.perspective {
-            self.cast_as::<true, TRACK>(&x, samples, best, hit, first_code);
+            self.cast_as::<true, TRACK>(&x, &n, samples, best, hit, first_code);
         } else {
-            self.cast_as::<false, TRACK>(&x, samples, best, hit, first_code);
+            self.cast_as::<false, TRACK>(&x, &n, samples, best, hit, first_code);
         }
     }
 
@@ -89,6 +91,7 @@ impl Occluder {
     fn cast_as<const PERSPECTIVE: bool, const TRACK: bool>(
         &self,
         x: &[[f32; LANES]; 3],
+        n: &[[f32; LANES]; 3],
         samples: &Samples,
         best: &mut [[f32; LANES]],
         hit: &mut [[u32; LANES]],
@@ -100,49 +103,54 @@ impl Occluder {
         assert!(best.len() >= samples.active.len());
         for (k, &direction) in samples.active.iter().enumerate() {
             let [wx, wy, wz] = self.directions[direction as usize];
-            let r = samples.set.distances(direction as usize, samples.i, samples.j);
-            // y = x + r w, its pixel, and the depth beyond which it is hidden there.
-            let mut index = [0i32; LANES];
-            let mut z = [0f32; LANES];
-            let mut inverse = [1f32; LANES];
-            for i in 0..LANES {
-                let (yx, yy) = (x[0][i] + r[i] * wx, x[1][i] + r[i] * wy);
-                z[i] = x[2][i] + r[i] * wz;
-                if PERSPECTIVE {
-                    inverse[i] = 1.0 / z[i];
+            for sample in 0..samples.set.samples {
+                let r = samples.set.distances(direction as usize, sample, samples.i, samples.j);
+                // y = x + r w, its pixel, and the depth beyond which it is hidden there.
+                let mut index = [0i32; LANES];
+                let mut z = [0f32; LANES];
+                let mut inverse = [1f32; LANES];
+                for i in 0..LANES {
+                    let (yx, yy) = (x[0][i] + r[i] * wx, x[1][i] + r[i] * wy);
+                    z[i] = x[2][i] + r[i] * wz;
+                    if PERSPECTIVE {
+                        inverse[i] = 1.0 / z[i];
+                    }
+                    let u = yx * inverse[i] * self.scale.x + self.centre.x;
+                    let v = yy * inverse[i] * self.scale.y + self.centre.y;
+                    let (u, v) = (clamped(u, u_max), clamped(v, v_max));
+                    // SAFETY: both are finite, in [0, width + 1.5] and [0, height + 1.5]
+                    let (u, v) =
+                        unsafe { (u.to_int_unchecked::<i32>(), v.to_int_unchecked::<i32>()) };
+                    index[i] = v * stride + u;
                 }
-                let u = yx * inverse[i] * self.scale.x + self.centre.x;
-                let v = yy * inverse[i] * self.scale.y + self.centre.y;
-                let (u, v) = (clamped(u, u_max), clamped(v, v_max));
-                // SAFETY: both are finite, in [0, width + 1.5] and [0, height + 1.5]
-                let (u, v) = unsafe { (u.to_int_unchecked::<i32>(), v.to_int_unchecked::<i32>()) };
-                index[i] = v * stride + u;
-            }
-            let mut limit = [0f32; LANES];
-            let mut any = 0;
-            for i in 0..LANES {
-                // SAFETY: at most (height + 1) * (width + 2) + width + 1, inside by the assertion above
-                limit[i] = unsafe { *self.hidden_beyond_m.get_unchecked(index[i] as usize) };
-                any |= u32::from(z[i] > limit[i]);
-            }
-            if any == 0 {
-                continue;
-            }
-            // t of Eq. 7 and its cosine with w.
-            for i in 0..LANES {
-                let depth = limit[i] - self.bias_m;
-                let f = if PERSPECTIVE { depth * inverse[i] } else { 1.0 };
-                let tx = (x[0][i] + r[i] * wx) * f - x[0][i];
-                let ty = (x[1][i] + r[i] * wy) * f - x[1][i];
-                let tz = depth - x[2][i];
-                let length = (tx * tx + ty * ty + tz * tz).sqrt();
-                // A surface at x itself has no direction and hides nothing: 0 / 1e-20.
-                let cosine =
-                    (tx * wx + ty * wy + tz * wz) / if length > 1e-20 { length } else { 1e-20 };
-                let nearer = (z[i] > limit[i]) & (cosine > best[k][i]);
-                best[k][i] = if nearer { cosine } else { best[k][i] };
-                if TRACK {
-                    hit[k][i] = if nearer { first_code + index[i] as u32 } else { hit[k][i] };
+                let mut limit = [0f32; LANES];
+                let mut any = 0;
+                for i in 0..LANES {
+                    // SAFETY: at most (height + 1) * (width + 2) + width + 1, inside by the assertion above
+                    limit[i] = unsafe { *self.hidden_beyond_m.get_unchecked(index[i] as usize) };
+                    any |= u32::from(z[i] > limit[i]);
+                }
+                if any == 0 {
+                    continue;
+                }
+                // t of Eq. 7 and its cosine with w.
+                for i in 0..LANES {
+                    let depth = limit[i] - self.bias_m;
+                    let f = if PERSPECTIVE { depth * inverse[i] } else { 1.0 };
+                    let tx = (x[0][i] + r[i] * wx) * f - x[0][i];
+                    let ty = (x[1][i] + r[i] * wy) * f - x[1][i];
+                    let tz = depth - x[2][i];
+                    let length = (tx * tx + ty * ty + tz * tz).sqrt();
+                    // A surface at x itself has no direction and hides nothing: 0 / 1e-20.
+                    let cosine =
+                        (tx * wx + ty * wy + tz * wz) / if length > 1e-20 { length } else { 1e-20 };
+                    // What lies below the horizon of x cannot hide anything above it.
+                    let above = tx * n[0][i] + ty * n[1][i] + tz * n[2][i] > 0.0;
+                    let nearer = (z[i] > limit[i]) & above & (cosine > best[k][i]);
+                    best[k][i] = if nearer { cosine } else { best[k][i] };
+                    if TRACK {
+                        hit[k][i] = if nearer { first_code + index[i] as u32 } else { hit[k][i] };
+                    }
                 }
             }
         }
@@ -157,8 +165,9 @@ impl Occluder {
 /// 16 surface points and the directions to look along.
 pub(super) struct Samples<'a> {
     pub set: &'a DirectionSet,
-    /// Points in main-view axes, lifted off their surface.
+    /// Points in main-view axes, lifted off their surface, and the surface's normals.
     pub x: [[f32; LANES]; 3],
+    pub n: [[f32; LANES]; 3],
     /// The first point's place in the grid, which the jitter depends on.
     pub i: usize,
     pub j: usize,

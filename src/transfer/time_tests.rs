@@ -1,7 +1,7 @@
 //! Timings, printed on request:
 //! `cargo test --release --lib time_transfer -- --ignored --nocapture`.
 
-use super::tests::support::{auxiliary_views, camera, paint_virtual};
+use super::test_support::{auxiliary_views, camera, paint_virtual};
 use super::*;
 use crate::image::Image;
 use crate::scene::analytic::{AnalyticScene, Shape};
@@ -35,8 +35,8 @@ fn time_transfer_640x480() {
     let radiance = Image::new(merged_main.size(), [0.5; 3]);
     let auxiliary_radiance: Vec<_> =
         merged_auxiliary.iter().map(|b| Image::new(b.size(), [0.5; 3])).collect();
-    for step in [1, 2, 4] {
-        let params = TransferParams { subsampling: step, ..TransferParams::default() };
+    for (samples, step) in [(1, 1), (1, 4), (2, 1), (2, 2), (2, 4)] {
+        let params = TransferParams { samples, subsampling: step, ..TransferParams::default() };
         let mut stage = RadianceTransfer::new(&params, &BounceParams::default()).unwrap();
         let mut out = TransferMap::default();
         let alone = best_ms(15, || stage.transfer(&real_main, &[], &mut out));
@@ -59,7 +59,7 @@ fn time_transfer_640x480() {
             );
         });
         println!(
-            "step {step}: transfer {alone:.2} ms alone, {all:.2} ms with 4 auxiliary buffers; \
+            "{samples} samples, step {step}: transfer {alone:.2} ms alone, {all:.2} ms with 4 auxiliary buffers; \
              with virtual {with_virtual:.2} ms, bounce {bounce:.2} ms"
         );
     }
