@@ -1,5 +1,16 @@
 //! Differential rendering (Gruber et al. 2015, Sec. 5.4).
 
+use crate::image::Image;
+
+/// What virtual objects look like in a view, before light.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VirtualLayer {
+    /// Linear RGB of virtual pixels.
+    pub albedo: Image<[f32; 3]>,
+    /// Visible share of the pixel covered by virtual objects, 0..1.
+    pub coverage: Image<f32>,
+}
+
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Compositor {

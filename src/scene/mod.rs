@@ -2,3 +2,20 @@
 //! buffers are known exactly.
 
 pub mod analytic;
+
+mod anchor;
+mod error;
+mod file;
+mod gltf;
+mod model;
+mod objects;
+mod raster;
+mod texture;
+
+pub use anchor::{SurfaceAnchor, SurfacePoint, surface_at};
+pub use error::SceneError;
+pub use file::{ObjectSpec, SceneFile};
+pub use model::{BoundingSphere, Material, Model, Part, PartData, Vertex};
+pub use objects::{Placement, Similarity, VirtualObject, VirtualScene};
+pub use raster::{DrawReport, Rasteriser};
+pub use texture::{Texture, Wrap};

@@ -1,0 +1,362 @@
+//! Draws virtual objects into a geometry buffer: *which* surface is nearest is found for eight
+//! samples a pixel with exact integer edges, and only what is seen is shaded.
+
+mod cover;
+mod project;
+mod resolve;
+#[cfg(test)]
+mod tests;
+
+use super::objects::VirtualScene;
+use crate::compositing::VirtualLayer;
+use crate::geometry::{GBuffer, Origin};
+use crate::image::Size;
+use crate::math::View;
+use cover::{SampleBlock, cover_solid, cover_with_holes};
+use glam::{Mat3, Vec3};
+use project::{CHUNK_TRIANGLES, Chunk, MAX_CHUNKS, Projector, ScreenPoint, ScreenVertex};
+use rayon::prelude::*;
+use resolve::{DrawnObject, Resolver};
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+/// Rows that one thread draws at a time.
+const BAND_ROWS: usize = 16;
+/// Vertices that one thread projects at a time.
+const VERTEX_BATCH: usize = 4096;
+
+/// What was drawn.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct DrawReport {
+    /// Objects that may be in the picture.
+    pub objects: usize,
+    /// Pixels whose centre shows a virtual surface.
+    pub pixels: usize,
+    /// Outside these rows and columns the picture is that of the real scene.
+    pub columns: Range<usize>,
+    pub rows: Range<usize>,
+}
+
+/// Keeps its working memory from frame to frame. One for each view lets [`Self::redraw`] work.
+#[derive(Debug, Default)]
+pub struct Rasteriser {
+    vertices: Vec<ScreenVertex>,
+    drawn: Vec<DrawnObject>,
+    /// Only the first `active_chunks` are of this frame.
+    chunks: Vec<Chunk>,
+    active_chunks: usize,
+    /// One a thread.
+    scratch: Vec<Mutex<BandScratch>>,
+    /// Rows that the last picture differs from the real one in.
+    touched: Range<usize>,
+    last: Option<(View, Size)>,
+}
+
+#[derive(Debug, Default)]
+struct BandScratch {
+    block: SampleBlock,
+    list: Vec<([ScreenPoint; 3], u32)>,
+}
+
+impl Rasteriser {
+    /// Sets `merged` to `real` with the virtual surfaces that are nearer ([`Origin::Virtual`]), and
+    /// `layer` to their base colour and coverage. `merged` says what is seen at pixel centres;
+    /// coverage also counts surfaces that reach into a pixel beside its centre, where `merged` still
+    /// shows the real one. Base colour is given wherever coverage is not zero. Objects that wait for
+    /// a place are not drawn.
+    pub fn draw(
+        &mut self,
+        scene: &VirtualScene,
+        real: &GBuffer,
+        merged: &mut GBuffer,
+        layer: &mut VirtualLayer,
+    ) -> DrawReport {
+        self.touched = 0..real.size().height;
+        self.redraw_rows(scene, real, merged, layer)
+    }
+
+    /// As [`Self::draw`], for a view whose `real` has not changed: only rows with virtual surfaces,
+    /// now or before, are written. `merged` and `layer` must be as the last call of this rasteriser
+    /// left them.
+    pub fn redraw(
+        &mut self,
+        scene: &VirtualScene,
+        real: &GBuffer,
+        merged: &mut GBuffer,
+        layer: &mut VirtualLayer,
+    ) -> DrawReport {
+        let same = self.last == Some((real.view, real.size()))
+            && merged.view == real.view
+            && merged.size() == real.size()
+            && layer.coverage.size() == real.size();
+        if !same {
+            return self.draw(scene, real, merged, layer);
+        }
+        self.redraw_rows(scene, real, merged, layer)
+    }
+
+    fn redraw_rows(
+        &mut self,
+        scene: &VirtualScene,
+        real: &GBuffer,
+        merged: &mut GBuffer,
+        layer: &mut VirtualLayer,
+    ) -> DrawReport {
+        let size = real.size();
+        assert_eq!(size, real.view.size(), "a geometry buffer has the size of its view");
+        merged.set_view(real.view);
+        layer.albedo.reshape(size, [0.0; 3]);
+        layer.coverage.reshape(size, 0.0);
+        self.last = Some((real.view, size));
+        if size.pixels() == 0 {
+            return DrawReport::default();
+        }
+        let projector = Projector::new(&real.view);
+        self.project(scene, &projector);
+        self.sort(scene, &projector);
+        let report = self.draw_bands(scene, projector, real, merged, layer);
+        self.touched = report.rows.clone();
+        report
+    }
+
+    /// Projects the vertices of all objects that may be seen.
+    fn project(&mut self, scene: &VirtualScene, projector: &Projector) {
+        self.drawn.clear();
+        self.vertices.clear();
+        for (index, object) in scene.objects.iter().enumerate() {
+            let Some(world_from_object) = object.world_from_object() else { continue };
+            let Some(bounds) = object.bounds() else { continue };
+            if projector.misses(bounds.centre, bounds.radius) {
+                continue;
+            }
+            let first_vertex = self.vertices.len();
+            let source = object.model.vertices();
+            self.vertices.resize(first_vertex + source.len(), ScreenVertex::default());
+            let screen_from_object = projector.screen_from_object(&world_from_object);
+            let project = |(out, source): (&mut [ScreenVertex], &[super::Vertex])| {
+                for (out, vertex) in out.iter_mut().zip(source) {
+                    *out = projector.vertex(screen_from_object.transform_point3(vertex.position));
+                }
+            };
+            let target = &mut self.vertices[first_vertex..];
+            if source.len() <= VERTEX_BATCH {
+                project((target, source));
+            } else {
+                target
+                    .par_chunks_mut(VERTEX_BATCH)
+                    .zip(source.par_chunks(VERTEX_BATCH))
+                    .for_each(project);
+            }
+            let world_from_object = Mat3::from_quat(world_from_object.rotation);
+            self.drawn.push(DrawnObject { index, first_vertex, world_from_object });
+        }
+    }
+
+    /// Cuts the triangles into chunks and finds the bands of rows that each touches.
+    fn sort(&mut self, scene: &VirtualScene, projector: &Projector) {
+        let mut active = 0;
+        for (object, drawn) in self.drawn.iter().enumerate() {
+            let parts = scene.objects[drawn.index].model.parts();
+            for (part, triangles) in parts.iter().map(|p| p.triangles.clone()).enumerate() {
+                for start in triangles.clone().step_by(CHUNK_TRIANGLES) {
+                    if active == self.chunks.len() {
+                        self.chunks.push(Chunk::default());
+                    }
+                    let end = (start + CHUNK_TRIANGLES).min(triangles.end);
+                    self.chunks[active].reset(object, part, start..end);
+                    active += 1;
+                }
+            }
+        }
+        if active > MAX_CHUNKS {
+            log::error!(
+                "only the first {MAX_CHUNKS} of {active} parts of virtual objects are drawn"
+            );
+            active = MAX_CHUNKS;
+        }
+        self.active_chunks = active;
+        let (drawn, vertices) = (&self.drawn, &self.vertices);
+        self.chunks[..active].par_iter_mut().for_each(|chunk| {
+            let object = &drawn[chunk.object];
+            let model = &scene.objects[object.index].model;
+            let vertices = &vertices[object.first_vertex..][..model.vertices().len()];
+            chunk.sort(projector, vertices, model.triangles(), BAND_ROWS);
+        });
+    }
+
+    fn draw_bands(
+        &mut self,
+        scene: &VirtualScene,
+        projector: Projector,
+        real: &GBuffer,
+        merged: &mut GBuffer,
+        layer: &mut VirtualLayer,
+    ) -> DrawReport {
+        let chunks = &self.chunks[..self.active_chunks];
+        let (columns, rows) = (hull(chunks, |c| &c.columns), hull(chunks, |c| &c.rows));
+        self.scratch.resize_with(rayon::current_num_threads().max(1), Default::default);
+        let resolver = Resolver {
+            scene,
+            drawn: &self.drawn,
+            chunks,
+            vertices: &self.vertices,
+            view: real.view,
+            projector,
+            world_from_view: rotation(&real.view),
+        };
+        let (touched, scratch) = (&self.touched, &self.scratch);
+        let pixels = bands(merged, layer)
+            .enumerate()
+            .map(|(index, mut band)| {
+                let band_rows = index * BAND_ROWS..(index * BAND_ROWS + band.rows());
+                let overlaps =
+                    |r: &Range<usize>| r.start < band_rows.end && band_rows.start < r.end;
+                if overlaps(touched) || overlaps(&rows) {
+                    band.restore(real, band_rows.start);
+                }
+                if !overlaps(&rows) {
+                    return 0;
+                }
+                let rows = band_rows.start.max(rows.start)..band_rows.end.min(rows.end);
+                let thread = rayon::current_thread_index().unwrap_or(0);
+                let mut scratch = scratch[thread].lock().unwrap_or_else(PoisonError::into_inner);
+                let BandScratch { block, list } = &mut *scratch;
+                block.clear(columns.clone(), rows);
+                cover_band(&resolver, index, block, list);
+                band.resolve(&resolver, block, real, index * BAND_ROWS)
+            })
+            .sum();
+        DrawReport { objects: self.drawn.len(), pixels, columns, rows }
+    }
+}
+
+/// Smallest range around those of all chunks; empty at 0 where there is none.
+fn hull(chunks: &[Chunk], range: impl Fn(&Chunk) -> &Range<usize>) -> Range<usize> {
+    chunks
+        .iter()
+        .map(range)
+        .filter(|r| !r.is_empty())
+        .cloned()
+        .reduce(|a, b| a.start.min(b.start)..a.end.max(b.end))
+        .unwrap_or(0..0)
+}
+
+fn cover_band(
+    resolver: &Resolver,
+    band: usize,
+    block: &mut SampleBlock,
+    list: &mut Vec<([ScreenPoint; 3], u32)>,
+) {
+    for (index, chunk) in resolver.chunks.iter().enumerate() {
+        if chunk.rows.start >= block.rows.end || block.rows.start >= chunk.rows.end {
+            continue;
+        }
+        let object = &resolver.drawn[chunk.object];
+        let model = &resolver.scene.objects[object.index].model;
+        let vertices = &resolver.vertices[object.first_vertex..];
+        list.clear();
+        list.extend(
+            chunk
+                .band(band, vertices, model.triangles())
+                .map(|(corners, triangle)| (corners, Resolver::id(index, triangle))),
+        );
+        if model.parts()[chunk.part].material.alpha_cutoff.is_some() {
+            cover_with_holes(block, list, resolver);
+        } else {
+            cover_solid(block, list);
+        }
+    }
+}
+
+fn rotation(view: &View) -> Mat3 {
+    Mat3::from(view.world_from_view_f32().matrix3)
+}
+
+/// The same rows of all output images.
+struct Band<'a> {
+    width: usize,
+    depth_m: &'a mut [f32],
+    normal: [&'a mut [f32]; 3],
+    origin: &'a mut [Origin],
+    albedo: &'a mut [[f32; 3]],
+    coverage: &'a mut [f32],
+}
+
+fn bands<'a>(
+    merged: &'a mut GBuffer,
+    layer: &'a mut VirtualLayer,
+) -> impl IndexedParallelIterator<Item = Band<'a>> {
+    let width = merged.size().width;
+    let n = width * BAND_ROWS;
+    (
+        merged.depth_m.as_mut_slice().par_chunks_mut(n),
+        merged.normals.x.as_mut_slice().par_chunks_mut(n),
+        merged.normals.y.as_mut_slice().par_chunks_mut(n),
+        merged.normals.z.as_mut_slice().par_chunks_mut(n),
+        merged.origin.as_mut_slice().par_chunks_mut(n),
+        layer.albedo.as_mut_slice().par_chunks_mut(n),
+        layer.coverage.as_mut_slice().par_chunks_mut(n),
+    )
+        .into_par_iter()
+        .map(move |(depth_m, x, y, z, origin, albedo, coverage)| Band {
+            width,
+            depth_m,
+            normal: [x, y, z],
+            origin,
+            albedo,
+            coverage,
+        })
+}
+
+impl Band<'_> {
+    fn rows(&self) -> usize {
+        self.depth_m.len() / self.width
+    }
+
+    /// Back to the real scene, without virtual surfaces.
+    fn restore(&mut self, real: &GBuffer, first_row: usize) {
+        let start = first_row * self.width;
+        let pixels = start..start + self.depth_m.len();
+        self.depth_m.copy_from_slice(&real.depth_m.as_slice()[pixels.clone()]);
+        for (to, from) in
+            self.normal.iter_mut().zip([&real.normals.x, &real.normals.y, &real.normals.z])
+        {
+            to.copy_from_slice(&from.as_slice()[pixels.clone()]);
+        }
+        self.origin.copy_from_slice(&real.origin.as_slice()[pixels]);
+        self.albedo.fill([0.0; 3]);
+        self.coverage.fill(0.0);
+    }
+
+    /// Writes what the samples show; returns the number of pixels whose centre is virtual.
+    fn resolve(
+        &mut self,
+        resolver: &Resolver,
+        block: &SampleBlock,
+        real: &GBuffer,
+        first_row: usize,
+    ) -> usize {
+        let mut count = 0;
+        for y in block.rows.clone() {
+            for (x, (nearness, ids)) in block.columns.clone().zip(block.row(y)) {
+                let Some(seen) = resolver.pixel(x, y, nearness, ids, real) else { continue };
+                let at = (y - first_row) * self.width + x;
+                self.albedo[at] = seen.albedo;
+                self.coverage[at] = seen.coverage;
+                if let Some((depth_m, normal)) = seen.surface {
+                    self.depth_m[at] = depth_m;
+                    self.set_normal(at, normal);
+                    self.origin[at] = Origin::Virtual;
+                    count += 1;
+                }
+            }
+        }
+        count
+    }
+
+    fn set_normal(&mut self, at: usize, normal: Vec3) {
+        for (plane, value) in self.normal.iter_mut().zip(normal.to_array()) {
+            plane[at] = value;
+        }
+    }
+}
