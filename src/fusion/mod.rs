@@ -10,6 +10,7 @@ mod block;
 mod integrate;
 mod marching_cubes;
 mod mesh;
+mod packet;
 mod placement;
 mod raycast;
 mod rays;

@@ -1,28 +1,15 @@
 //! Depth and normals of the volume's surfaces in a view, perspective or orthographic.
 
 use super::TsdfVolume;
-use super::block::{ONE, SIDE, UNSEEN};
+use super::packet::{self, Field, Hits, LANES, Packet};
 use super::rays::Rays;
-use super::sample::{Sampler, local};
 use super::tiles::{TILE, TileMap};
 use crate::geometry::{GBuffer, Origin};
 use crate::math::View;
-use glam::{IVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::PoisonError;
 
-/// Shortest step, voxels: half a voxel finds every crossing that trilinear values can show twice.
-const MIN_STEP: f32 = 0.5;
-/// Share of the distance to the surface that a step covers. Projective distances are longer than
-/// true ones on slanted surfaces.
-const STEP_SHARE: f32 = 0.8;
-/// The stored voxel looked at instead of the trilinear value lies within a voxel's diagonal.
-const DIAGONAL: f32 = 1.75;
-/// A crossing is refined until its distance is below this, voxels, or for `REFINEMENTS` steps.
-const CLOSE: f32 = 0.01;
-const REFINEMENTS: usize = 4;
-/// Step past the border of an empty block, voxels.
-const NUDGE: f32 = 0.01;
 /// Surfaces nearer than this are not seen; depth 0 means missing.
 const NEAREST_M: f32 = 1e-3;
 
@@ -79,13 +66,13 @@ struct TileRow<'a> {
 }
 
 impl TileRow<'_> {
-    fn set(&mut self, at: usize, hit: Option<(f32, Vec3)>) {
-        let (depth, normal) = hit.unwrap_or_default();
+    fn set(&mut self, at: usize, hits: &Hits, lane: usize) {
+        let depth = hits.depth_m[lane];
         self.depth[at] = depth;
-        self.normals.0[at] = normal.x;
-        self.normals.1[at] = normal.y;
-        self.normals.2[at] = normal.z;
-        self.origin[at] = if hit.is_some() { Origin::Model } else { Origin::None };
+        self.normals.0[at] = hits.normal[0][lane];
+        self.normals.1[at] = hits.normal[1][lane];
+        self.normals.2[at] = hits.normal[2][lane];
+        self.origin[at] = if depth > 0.0 { Origin::Model } else { Origin::None };
     }
 }
 
@@ -94,128 +81,61 @@ fn away_from_zero(component: f32) -> f32 {
     if component.abs() < 1e-9 { 1e-9 } else { component }
 }
 
+/// Rows of a tile that one packet covers.
+const PACKET_ROWS: usize = LANES / TILE;
+
 struct Caster<'a> {
-    sampler: Sampler<'a>,
+    field: Field<'a>,
     rays: Rays,
-    /// Highest voxel coordinate.
-    last: f32,
-    truncation_voxels: f32,
 }
 
 impl<'a> Caster<'a> {
     fn new(volume: &'a TsdfVolume, view: &View) -> Self {
-        Self {
-            sampler: volume.sampler(),
-            rays: Rays::new(volume, view),
-            last: (volume.params.resolution - 1) as f32,
-            truncation_voxels: volume.truncation_m / volume.voxel_m,
-        }
+        let truncation_voxels = volume.truncation_m / volume.voxel_m;
+        Self { field: Field::new(&volume.store, truncation_voxels), rays: Rays::new(volume, view) }
     }
 
     fn cast_tile_row(&self, tiles: &TileMap, tile_y: usize, mut rows: TileRow<'_>) {
-        let (width, height) = (rows.width, rows.depth.len() / rows.width);
-        for tile_x in 0..width.div_ceil(TILE) {
+        let height = rows.depth.len() / rows.width;
+        for tile_x in 0..rows.width.div_ceil(TILE) {
             let range = tiles.range(tile_x, tile_y);
-            for y in 0..height {
-                for x in tile_x * TILE..((tile_x + 1) * TILE).min(width) {
-                    let (origin, direction) = self.rays.at(x as f32, (tile_y * TILE + y) as f32);
-                    let direction = direction.map(away_from_zero);
-                    rows.set(y * width + x, self.hit(origin, direction, range));
+            for y in (0..height).step_by(PACKET_ROWS) {
+                let (x, image_y) = (tile_x * TILE, tile_y * TILE + y);
+                let hits = if range.0 < range.1 {
+                    packet::cast(&self.field, &self.packet(x, image_y, range))
+                } else {
+                    Hits::default()
+                };
+                for lane in 0..LANES {
+                    let (x, y) = (x + lane % TILE, y + lane / TILE);
+                    if x < rows.width && y < height {
+                        rows.set(y * rows.width + x, &hits, lane);
+                    }
                 }
             }
         }
     }
 
-    /// Depth and normal of the first front face between two depths.
-    fn hit(&self, origin: Vec3, direction: Vec3, range: (f32, f32)) -> Option<(f32, Vec3)> {
-        let (near, far) = self.clip(origin, direction, range)?;
-        let t = self.march(origin, direction, near, far)?;
-        Some((t, self.sampler.normal(origin + direction * t, direction)?))
+    /// Rays of 8x2 pixels. Those past the image's border are cast as well, and not stored.
+    fn packet(&self, x: usize, y: usize, range: (f32, f32)) -> Packet {
+        let mut packet = Packet::default();
+        for lane in 0..LANES {
+            let (u, v) = ((x + lane % TILE) as f32, (y + lane / TILE) as f32);
+            let (origin, direction) = self.rays.at(u, v);
+            let direction = direction.map(away_from_zero);
+            for axis in 0..3 {
+                packet.origin[axis][lane] = origin[axis];
+                packet.direction[axis][lane] = direction[axis];
+            }
+            (packet.near[lane], packet.far[lane]) = self.clip(origin, direction, range);
+        }
+        packet
     }
 
-    /// The part of a depth range that lies in the volume.
-    fn clip(&self, origin: Vec3, direction: Vec3, range: (f32, f32)) -> Option<(f32, f32)> {
-        let (a, b) = (-origin / direction, (self.last - origin) / direction);
+    /// The part of a depth range that lies in the volume; `near > far` where there is none.
+    fn clip(&self, origin: Vec3, direction: Vec3, range: (f32, f32)) -> (f32, f32) {
+        let (a, b) = (-origin / direction, (self.field.last - origin) / direction);
         let near = a.min(b).max_element().max(range.0).max(NEAREST_M);
-        let far = a.max(b).min_element().min(range.1);
-        (near < far).then_some((near, far))
-    }
-
-    fn march(&self, origin: Vec3, direction: Vec3, near: f32, far: f32) -> Option<f32> {
-        let per_voxel = direction.length_recip();
-        let inverse = direction.recip();
-        let mut t = near;
-        // the last sample in front of a surface: place and distance
-        let mut front: Option<(f32, f32)> = None;
-        let top = IVec3::splat(self.last as i32);
-        while t <= far {
-            let point = (origin + direction * t).clamp(Vec3::ZERO, Vec3::splat(self.last));
-            let voxel = (point + 0.5).as_ivec3().min(top);
-            let Some(block) = self.sampler.block(self.sampler.block_index(voxel)) else {
-                front = None;
-                t = (t + NUDGE * per_voxel).max(self.leave(voxel, origin, inverse));
-                continue;
-            };
-            let stored = block[local(voxel)];
-            if stored == UNSEEN {
-                front = None;
-                t += MIN_STEP * per_voxel;
-                continue;
-            }
-            let voxels = f32::from(stored) * (self.truncation_voxels / f32::from(ONE));
-            if voxels > DIAGONAL + MIN_STEP {
-                front = Some((t, voxels));
-                t += (voxels - DIAGONAL).max(MIN_STEP) * per_voxel;
-                continue;
-            }
-            let Some(value) = self.sampler.value(point) else {
-                front = None;
-                t += MIN_STEP * per_voxel;
-                continue;
-            };
-            let distance = value * self.truncation_voxels;
-            if distance > 0.0 {
-                front = Some((t, distance));
-            } else if let Some(hit) =
-                front.take().and_then(|f| self.refine(origin, direction, f, (t, distance)))
-            {
-                return Some(hit);
-            }
-            t += (distance.abs() * STEP_SHARE).max(MIN_STEP) * per_voxel;
-        }
-        None
-    }
-
-    /// Depth just past the block around a voxel.
-    #[inline]
-    fn leave(&self, voxel: IVec3, origin: Vec3, inverse: Vec3) -> f32 {
-        // a voxel's share of space ends half a voxel from its centre
-        let low = (voxel & !7).as_vec3() - 0.5;
-        let exits = ((low - origin) * inverse).max((low + SIDE as f32 - origin) * inverse);
-        exits.min_element() + NUDGE * inverse.abs().min_element()
-    }
-
-    /// Regula falsi (Illinois) between a place in front of the surface and one behind.
-    fn refine(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        (mut a, mut fa): (f32, f32),
-        (mut b, mut fb): (f32, f32),
-    ) -> Option<f32> {
-        let mut t = b;
-        for _ in 0..REFINEMENTS {
-            t = a + (b - a) * fa / (fa - fb);
-            let value = self.sampler.value(origin + direction * t)? * self.truncation_voxels;
-            if value.abs() < CLOSE {
-                return Some(t);
-            }
-            if value > 0.0 {
-                (a, fa, fb) = (t, value, 0.5 * fb);
-            } else {
-                (b, fb, fa) = (t, value, 0.5 * fa);
-            }
-        }
-        Some(t)
+        (near, a.max(b).min_element().min(range.1))
     }
 }
