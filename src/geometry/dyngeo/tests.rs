@@ -430,17 +430,19 @@ fn time_dyngeo_640x480() {
         // a fifth of the pixels missing, everywhere: no chunk of D' can be skipped
         *depth = if rng.uniform() < 0.2 { 0.0 } else { *depth + 0.003 * rng.normal() };
     }
+    let nothing = GBuffer::empty(view);
     let mut out = GBuffer::empty(view);
-    for (what, params) in [
-        ("D' alone", merge_only()),
-        ("all passes", DynGeoParams::default()),
-        ("without D'''", DynGeoParams { denoise: false, ..DynGeoParams::default() }),
+    for (what, model, params) in [
+        ("D' alone", &model, merge_only()),
+        ("all passes", &model, DynGeoParams::default()),
+        ("all passes, no model", &nothing, DynGeoParams::default()),
+        ("without D'''", &model, DynGeoParams { denoise: false, ..DynGeoParams::default() }),
     ] {
         let mut dyngeo = DynGeo::new(&params);
         let mut times: Vec<f64> = (0..60)
             .map(|_| {
                 let start = std::time::Instant::now();
-                dyngeo.run(&frame, &model, &mut out);
+                dyngeo.run(&frame, model, &mut out);
                 start.elapsed().as_secs_f64() * 1e3
             })
             .collect();
