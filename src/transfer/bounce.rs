@@ -9,27 +9,29 @@
 //! ```
 //!
 //! So what a direction contributes is bounded however near s is, does not depend on the unit of
-//! length, and converges as directions are added. With B(s) the radiance that leaves s:
+//! length, and converges as directions are added. With B(s) the radiance that leaves s, that is albedo
+//! and light of s, (n_s . L_D) in Eq. 10:
 //!
 //! ```text
-//! R_i(x) = 1/pi sum_j (1 - K_j) B(s_j) max(0, n_x . t_j) [n_s . -t_j > 0] dw_j
+//! R_i(x) = sum_j (1 - K_j) B(s_j) max(0, n_x . w_j) [n_s . -t_j > 0] / sum_j max(0, n_x . w_j)
 //! ```
 //!
-//! The bracket is G of Eq. 12. As printed, it asks for n_x . -t > 0, the very directions in which F is
-//! negative, so nothing could ever arrive. The text wants to leave out surfaces that face away from x;
-//! that is n_s . -t > 0. B(s) holds albedo and light of s, (n_s . L_D) in Eq. 10.
-//! dw / pi is replaced by 1 / sum_j max(0, n_x . w_j), as in the transfer: what is taken as hidden light
-//! there comes back as the light of the hiding surface here.
+//! - The sum below stands for pi / dw, as in the transfer, and n_x . w_j for n_x . t_j: s lies
+//!   somewhere in the cell of w_j. What the transfer takes away as hidden light comes back here, exactly,
+//!   as light of the hiding surface. With n_x . t_j, which is larger on average because nothing below
+//!   the horizon of x hides anything, a white corner returned 117 % of what it hid.
+//! - The bracket is G of Eq. 12. As printed, it asks for n_x . -t > 0, the very directions in which F is
+//!   negative, so nothing could ever arrive. The text wants to leave out surfaces that face away from x;
+//!   that is n_s . -t > 0.
 
 use super::batch::{Batch, Scratch, hiddenness};
+use super::directions::LANES;
 use super::influence::VirtualFootprint;
 use super::occluder::Occluder;
 use super::radiance_transfer::{Buffers, Pass};
 use crate::geometry::{GBuffer, Origin};
 use crate::image::Image;
 use glam::{Vec2, Vec3};
-
-use super::directions::LANES;
 
 /// What a bounce needs besides the pass.
 pub(super) struct BounceInput<'a> {
@@ -83,7 +85,7 @@ pub(super) fn bounce_row(
     }
 }
 
-/// sum_j (1 - K_j) B(s_j) max(0, n_x . t_j) [n_s . -t_j > 0] of one point.
+/// sum_j (1 - K_j) B(s_j) max(0, n_x . w_j) [n_s . -t_j > 0] of one point.
 fn gathered(
     pass: &Pass,
     input: &BounceInput,
@@ -94,14 +96,11 @@ fn gathered(
 ) -> Vec3 {
     let world_from_main = pass.world_from_main;
     let x = world_from_main.transform_point3(Vec3::from(batch.x.map(|axis| axis[i])));
-    let n = Vec3::from(batch.n.map(|axis| axis[i]));
     let mut light = Vec3::ZERO;
     for k in 0..scratch.active.len() {
-        if scratch.cosine[k][i] <= 0.0 {
-            continue;
-        }
+        let cosine = scratch.cosine[k][i];
         let hidden = hiddenness(scratch.best[k][i], pass.set.chi);
-        if hidden <= 0.0 {
+        if cosine <= 0.0 || hidden <= 0.0 {
             continue;
         }
         let (view, (u, v)) = pixel_of_code(pass.occluders, scratch.hit[k][i]);
@@ -112,9 +111,8 @@ fn gathered(
         let pixel = Vec2::new(u as f32, v as f32);
         let in_view = buffer.view.unproject(pixel, buffer.depth_m[(u, v)]);
         let s = pass.occluders[view].world_from_view.transform_point3(in_view);
-        let Some(t) = (s - x).try_normalize() else { continue };
-        if buffer.normals.at(u, v).dot(-t) > 0.0 {
-            light += hidden * n.dot(t).max(0.0) * Vec3::from(radiance[(u, v)]);
+        if buffer.normals.at(u, v).dot(x - s) > 0.0 {
+            light += hidden * cosine * Vec3::from(radiance[(u, v)]);
         }
     }
     light

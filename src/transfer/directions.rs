@@ -210,23 +210,91 @@ fn cell_order(row: usize, column: usize, tile: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::random::Rng;
 
-    fn params(directions: usize) -> TransferParams {
-        TransferParams { directions, ..TransferParams::default() }
+    fn set(directions: usize) -> DirectionSet {
+        DirectionSet::new(&TransferParams { directions, ..TransferParams::default() }).unwrap()
     }
 
     #[test]
-    #[ignore]
-    fn study() {
-        for n in [4, 8, 16, 32, 64, 128, 256, 512, 1024] {
-            let t = std::time::Instant::now();
-            let s = DirectionSet::new(&params(n)).unwrap();
-            println!(
-                "{n} half {:.2} deg chi {} {:?}",
-                s.neighbour_angle.to_degrees() / 2.0,
-                s.chi,
-                t.elapsed()
-            );
+    fn half_the_neighbour_angle_is_as_expected() {
+        // 25, 18, 13 and 9 degrees for the best spread sets; the median over a triangulation's edges lies
+        // a little above: measured 27.0, 18.8, 13.4, 9.7.
+        for (n, expected) in [(16, 25.0), (32, 18.0), (64, 13.0), (128, 9.0f32)] {
+            let half = set(n).neighbour_angle.to_degrees() / 2.0;
+            assert!((expected..expected * 1.1).contains(&half), "{n}: {half}");
+        }
+    }
+
+    #[test]
+    fn readings_of_chi() {
+        let chi =
+            |chi| DirectionSet::new(&TransferParams { chi, ..Default::default() }).unwrap().chi;
+        // alpha = 37.5 degrees for 32 directions
+        assert!((chi(ChiReading::Text) - 0.0531).abs() < 1e-3);
+        assert!((chi(ChiReading::Neighbour) - 0.2066).abs() < 2e-3);
+        assert!((chi(ChiReading::Printed) - 0.9469).abs() < 1e-3);
+    }
+
+    #[test]
+    fn lobes_are_integrated_within_the_sampling_error() {
+        // Relative L2 over 4 bands and random normals; measured 10, 2.6, 1.1, 0.41 and 0.17 %.
+        for (n, limit) in [(16, 0.11), (32, 0.03), (64, 0.013), (128, 0.005), (256, 0.002)] {
+            let set = set(n);
+            let mut rng = Rng::new(&[3]);
+            let (mut error, mut norm) = (0.0f64, 0.0f64);
+            for _ in 0..200 {
+                let normal = Vec3::from([0; 3].map(|_| rng.normal())).normalize();
+                let exact = sh::unoccluded_transfer(normal, 4);
+                for k in 0..16 {
+                    let cosine = |j: usize| normal.dot(set.directions[j]).max(0.0);
+                    let sum: f32 = (0..n).map(|j| cosine(j) * set.row(j)[k]).sum();
+                    let quadrature = sum * set.solid_angle / std::f32::consts::PI;
+                    error += f64::from(quadrature - exact[k]).powi(2);
+                    norm += f64::from(exact[k]).powi(2);
+                }
+            }
+            let relative = (error / norm).sqrt();
+            println!("N = {n}: {:.2} %", 100.0 * relative);
+            assert!(relative < limit, "{n}: {relative}");
+        }
+    }
+
+    #[test]
+    fn distances_cover_the_radius_evenly() {
+        for (tile, samples) in [(1, 1), (2, 1), (3, 2), (4, 3)] {
+            let params = TransferParams { jitter_tile: tile, samples, ..Default::default() };
+            let set = DirectionSet::new(&params).unwrap();
+            let cells = tile * tile;
+            for direction in 0..set.len() {
+                for sample in 0..samples {
+                    let mut shares: Vec<f32> = (0..cells)
+                        .map(|c| set.distance_m(direction, sample, c % tile, c / tile))
+                        .map(|r| r / params.radius_m * samples as f32 - sample as f32)
+                        .collect();
+                    shares.sort_by(f32::total_cmp);
+                    // One in each stratum, up to a common shift; f32 rounding of up to 3
+                    assert!(shares[0] > -1e-6 && *shares.last().unwrap() <= 1.0 + 1e-6);
+                    for pair in shares.windows(2) {
+                        assert!((pair[1] - pair[0] - 1.0 / cells as f32).abs() < 1e-5);
+                    }
+                }
+                let r = set.distance_m(direction, 0, 0, 0);
+                assert!(r > 0.0 && r == set.distance_m(direction, 0, 5 * tile, 7 * tile));
+            }
+        }
+    }
+
+    #[test]
+    fn the_seed_alone_decides() {
+        let seeded = |seed| {
+            DirectionSet::new(&TransferParams { seed, ..TransferParams::default() }).unwrap()
+        };
+        assert_eq!(seeded(5), seeded(5));
+        assert_ne!(seeded(5).directions, seeded(6).directions);
+        assert!(seeded(6).directions.iter().all(|w| (w.length() - 1.0).abs() < 1e-6));
+        for n in [4, 5, 1024] {
+            assert_eq!(set(n).len(), n);
         }
     }
 }

@@ -5,7 +5,7 @@ use super::*;
 use crate::geometry::{GBuffer, Origin};
 use crate::image::Image;
 use crate::scene::analytic::{AnalyticScene, Shape};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// Main and auxiliary buffers of a scene, before and after something virtual came into it.
 struct Insertion {
@@ -38,6 +38,13 @@ impl Insertion {
 
     fn merged(&self) -> Buffers<'_> {
         (&self.merged.0, &self.merged.1)
+    }
+
+    /// The surface point of a pixel in world axes; the origin where there is none.
+    fn point(&self, x: usize, y: usize) -> Vec3 {
+        let main = &self.merged.0;
+        let in_view = main.view.unproject(Vec2::new(x as f32, y as f32), main.depth_m[(x, y)]);
+        main.view.world_from_view_f32().transform_point3(in_view)
     }
 
     /// The bounce with the same radiance everywhere.
@@ -147,26 +154,32 @@ fn real_surfaces_take_light_from_virtual_ones_alone() {
     assert!(ball.x < 0.05 * ball.y, "{ball}");
 }
 
-/// Eq. 12 as printed would keep the surfaces behind x, and lose these.
+/// Eq. 12 as printed would keep surfaces behind x alone, and lose the light of the first wall here.
 #[test]
 fn surfaces_that_face_away_send_no_light() {
-    let mut scene = Insertion::ball();
+    let wall = Shape::Box { min: Vec3::new(-0.6, 0.2, 0.0), max: Vec3::new(0.6, 0.3, 0.5) };
+    let mut scene = Insertion::new(&AnalyticScene::new([FLOOR]), wall);
     let mut stage = stage(&TransferParams::default());
-    let facing = sum(&scene.bounce(&mut stage, [1.0; 3]));
-    assert!(facing.x > 1.0, "{facing}");
-    let buffers = std::iter::once(&mut scene.merged.0).chain(&mut scene.merged.1);
-    for buffer in buffers {
-        for n in [&mut buffer.normals.x, &mut buffer.normals.y, &mut buffer.normals.z] {
-            for (n, origin) in n.as_mut_slice().iter_mut().zip(buffer.origin.as_slice()) {
-                *n = if *origin == Origin::Virtual { -*n } else { *n };
+    // Light on the floor before the wall, whose whole surface faces along +y or -y.
+    let mut lit_with_normal = |normal: Vec3| {
+        for buffer in std::iter::once(&mut scene.merged.0).chain(&mut scene.merged.1) {
+            for k in 0..buffer.origin.as_slice().len() {
+                if buffer.origin.as_slice()[k] == Origin::Virtual {
+                    let width = buffer.size().width;
+                    buffer.normals.set(k % width, k / width, normal);
+                }
             }
         }
-    }
-    let real_receivers = |map: &IndirectMap| -> Vec3 {
-        let lit = map.rgb.iter().zip(scene.merged.0.origin.as_slice());
-        lit.filter(|(_, o)| **o != Origin::Virtual).map(|(c, _)| Vec3::from(*c)).sum()
+        let map = scene.bounce(&mut stage, [1.0; 3]);
+        let floor = (0..map.rgb.len()).filter(|k| {
+            let p = scene.point(k % map.grid.width, k / map.grid.width);
+            p.z.abs() < 1e-3 && p.y < 0.15
+        });
+        floor.map(|k| map.rgb[k][0]).sum::<f32>()
     };
-    assert_eq!(real_receivers(&scene.bounce(&mut stage, [1.0; 3])), Vec3::ZERO);
+    let towards = lit_with_normal(-Vec3::Y);
+    assert!(towards > 10.0, "{towards}");
+    assert_eq!(lit_with_normal(Vec3::Y), 0.0);
 }
 
 #[test]
@@ -178,8 +191,8 @@ fn the_bounce_is_linear_bounded_and_can_be_switched_off() {
     };
     let one = scene.bounce(&mut with(true, 1.0), [1.0, 0.5, 0.0]);
     for [r, g, b] in &one.rgb {
-        // cos t against cos w of one direction may exceed 1 a little, the sum does not: 1 / d^2 is gone.
-        assert!((0.0..=1.05).contains(r) && (g - 0.5 * r).abs() < 1e-6 && *b == 0.0);
+        // However near the surfaces are: 1 / d^2 is gone.
+        assert!((0.0..=1.0 + 1e-6).contains(r) && (g - 0.5 * r).abs() < 1e-6 && *b == 0.0);
     }
     let two = scene.bounce(&mut with(true, 2.0), [1.0, 0.5, 0.0]);
     assert!(one.rgb.iter().zip(&two.rgb).all(|(a, b)| (2.0 * a[0] - b[0]).abs() < 1e-6));
@@ -191,64 +204,63 @@ fn the_bounce_is_linear_bounded_and_can_be_switched_off() {
     assert!(error.unwrap_err().to_string().contains("bounce.strength"));
 }
 
-/// In a furnace, hiding surfaces that shine like the light itself leave no trace: what the transfer
-/// takes away, the bounce brings back.
+/// Hiding surfaces that shine like the light itself leave no trace: what the transfer takes away,
+/// the bounce brings back. In a corner all surfaces that hide show their faces.
 #[test]
 fn bounce_and_transfer_make_up_a_furnace() {
-    let mut scene = Insertion::ball();
-    let buffers = std::iter::once(&mut scene.merged.0).chain(&mut scene.merged.1);
-    for buffer in buffers {
+    let corner = AnalyticScene::new(AnalyticScene::corner().shapes[..3].to_vec());
+    let far = Shape::Sphere { centre: Vec3::new(50.0, 50.0, 50.0), radius: 0.1 };
+    let mut scene = Insertion::new(&corner, far);
+    for buffer in std::iter::once(&mut scene.merged.0).chain(&mut scene.merged.1) {
         buffer.origin.fill(Origin::Virtual);
     }
     let mut stage = stage(&TransferParams::default());
     let map = transferred(stage.params(), scene.merged().0, scene.merged().1);
     let bounce = scene.bounce(&mut stage, [1.0; 3]);
-    let (mut hidden, mut missing, mut worst, mut count) = (0.0f64, 0.0f64, 0.0f64, 0.0);
+    let (mut hidden, mut returned, mut worst, mut count) = (0.0, 0.0, 0.0f64, 0.0);
     for (c, b) in map.coefficients.chunks(16).zip(&bounce.rgb).filter(|(c, _)| c[0] > 0.0) {
-        let left = f64::from(1.0 - furnace(c) - b[0]);
-        hidden += f64::from(1.0 - furnace(c));
-        missing += left;
-        worst = worst.max(left.abs());
-        count += 1.0;
+        let (h, r) = (f64::from(1.0 - furnace(c)), f64::from(b[0]));
+        (hidden, returned, count) = (hidden + h, returned + r, count + 1.0);
+        worst = worst.max((h - r).abs());
     }
     println!(
-        "hidden {:.4}, not returned {:.4}, at most {worst:.4}",
-        hidden / count,
-        missing / count
+        "hidden {hidden:.1}, returned {returned:.1} at {count} points, off by {worst:.3} at most"
     );
-    // n.t for n.w, and surfaces seen from behind: measured a tenth of what is hidden
     assert!(hidden / count > 0.02);
-    assert!((missing / hidden).abs() < 0.2, "{missing} of {hidden}");
+    // f32 sums of up to 20 terms; the back of a pixel's plane may face away
+    assert!(worst < 0.01, "{worst}");
 }
 
-/// A floor beside a virtual wall that shines with radiance 1: the light that arrives against the closed
-/// form of a rectangle that stands on the floor.
+/// A floor beside a virtual wall that shines with radiance 1, against the closed form of an upright
+/// rectangle.
 #[test]
 fn a_shining_wall_lights_the_floor_by_its_form_factor() {
     let wall = Shape::Box { min: Vec3::new(-0.6, 0.2, 0.0), max: Vec3::new(0.6, 0.3, 0.5) };
     let scene = Insertion::new(&AnalyticScene::new([FLOOR]), wall);
-    let params = TransferParams { directions: 256, samples: 8, ..TransferParams::default() };
+    let params = TransferParams { directions: 64, samples: 16, ..TransferParams::default() };
     let bounce = scene.bounce(&mut stage(&params), [1.0; 3]);
-    // From a point to an upright rectangle with a corner at its foot: width a, height b, distance c
-    // (catalogue of radiation configuration factors, B-4).
-    let quarter = |a: f64, b: f64, c: f64| {
+    let map = transferred(&params, scene.merged().0, scene.merged().1);
+    // To a rectangle of width a and height b whose corner is the nearest point of the floor's edge,
+    // at a distance c.
+    let corner = |a: f64, b: f64, c: f64| {
         let root = (c * c + b * b).sqrt();
         ((a / c).atan() - c / root * (a / root).atan()) / (2.0 * std::f64::consts::PI)
     };
-    let view = scene.merged.0.view;
-    let world_from_view = view.world_from_view_f32();
-    let (mut found, mut expected) = (0.0, 0.0);
+    let (mut found, mut hidden, mut expected) = (0.0, 0.0, 0.0);
     for (k, c) in bounce.rgb.iter().enumerate() {
-        let (x, y) = (k % bounce.grid.width, k / bounce.grid.width);
-        let depth_m = scene.merged.0.depth_m[(x, y)];
-        let p = view.unproject(glam::Vec2::new(x as f32, y as f32), depth_m);
-        let p = world_from_view.transform_point3(p);
-        if depth_m > 0.0 && p.z < 1e-3 && p.y < 0.15 && p.y > -0.2 && p.x.abs() < 0.4 {
-            let (x, c_m) = (f64::from(p.x), f64::from(0.2 - p.y));
-            expected += quarter(0.6 - x, 0.5, c_m) + quarter(0.6 + x, 0.5, c_m);
+        let (i, j) = (k % bounce.grid.width, k / bounce.grid.width);
+        let p = scene.point(i, j);
+        if p.z.abs() < 1e-3 && (-0.2..0.15).contains(&p.y) && p.x.abs() < 0.4 {
+            let (x, distance) = (f64::from(p.x), f64::from(0.2 - p.y));
+            expected += corner(0.6 - x, 0.5, distance) + corner(0.6 + x, 0.5, distance);
             found += f64::from(c[0]);
+            hidden += f64::from(1.0 - furnace(map.at(i, j)));
         }
     }
-    println!("floor beside a wall: {found:.1} against {expected:.1}");
-    assert!((0.5..1.1).contains(&(found / expected)), "{found} against {expected}");
+    println!("floor beside a wall: bounce {found:.1}, hidden {hidden:.1}, exact {expected:.1}");
+    // Measured 0.91: samples skip what lies between two of them. Fewer directions or more samples
+    // come nearer (a cone of 13 degrees, samples 6 cm apart).
+    assert!((0.85..1.0).contains(&(hidden / expected)), "{hidden} against {expected}");
+    // Measured 0.67: where the best fit is the top or the back of the wall, that faces away.
+    assert!((0.6..1.0).contains(&(found / expected)), "{found} against {expected}");
 }
