@@ -87,3 +87,12 @@ impl TransferMap {
         ((i * self.step + half).min(image.width - 1), (j * self.step + half).min(image.height - 1))
     }
 }
+
+/// Light of one bounce on the same grid as [`TransferMap`]: reflected radiance for albedo 1.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct IndirectMap {
+    pub step: usize,
+    pub grid: crate::image::Size,
+    /// Row-major grid points, linear RGB; zero where there is no surface.
+    pub rgb: Vec<[f32; 3]>,
+}
