@@ -26,8 +26,8 @@ impl SrgbEncoder {
     /// The nearest code; values outside [0, 1] are clamped, NaN gives 0.
     #[inline(always)]
     pub fn encode(&self, linear: f32) -> u8 {
-        // max first: it turns NaN into 0
-        let linear = linear.max(0.0).min(1.0);
+        // max turns NaN into 0
+        let linear = linear.max(0.0).clamp(0.0, 1.0);
         let code = self.code[(linear * BUCKETS as f32) as usize];
         code + u8::from(linear >= self.begins[usize::from(code) + 1])
     }

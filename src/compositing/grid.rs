@@ -150,7 +150,10 @@ fn dot(transfer: &[f32], light: &[f32; sh::MAX_COEFFICIENTS]) -> f32 {
     let (blocks, rest) = transfer.as_chunks::<16>();
     let mut sum = 0.0;
     for (block, light) in blocks.iter().zip(light.chunks_exact(16)) {
-        let mut lanes: [f32; 16] = std::array::from_fn(|k| block[k] * light[k]);
+        let mut lanes = [0.0; 16];
+        for k in 0..16 {
+            lanes[k] = block[k] * light[k];
+        }
         let mut half = 8;
         while half > 0 {
             for k in 0..half {
@@ -309,7 +312,9 @@ impl RowEvaluation<'_> {
             if is_virtual && self.virtual_shading == VirtualShading::Visibility {
                 let (x, y) = self.input.merged_transfer.pixel(i, j, self.input.merged.size());
                 let unoccluded = self.lamp.unoccluded(self.input.merged.normals.at(x, y));
-                merged = std::array::from_fn(|c| self.lamp.visibility(merged[c], unoccluded[c]));
+                for c in 0..layout.channels {
+                    merged[c] = self.lamp.visibility(merged[c], unoccluded[c]);
+                }
             }
             for c in 0..layout.channels {
                 planes[layout.real(c) * width + i] = real[c];
