@@ -103,7 +103,9 @@ fn add_rows<const P: usize>(
 
 fn weigh_rows<const P: usize>(rows: &[[f32; P]], weights: &[f32], out: &mut [[f32; P]; CHUNK]) {
     for ((out, row), &w) in out.iter_mut().zip(rows).zip(weights) {
-        *out = row.map(|t| t * w);
+        for (out, t) in out.iter_mut().zip(row) {
+            *out = t * w;
+        }
     }
 }
 

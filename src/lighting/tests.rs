@@ -182,7 +182,7 @@ fn few_normals_stay_within_the_bound_of_the_prior() {
     let truth = light(4, LAMP, WHITE);
     let normals: [fn(usize) -> Vec3; 3] = [
         |_| -Vec3::Z,
-        |k| if k % 2 == 0 { -Vec3::Z } else { Vec3::new(0.0, -0.8, -0.6) },
+        |k| if k.is_multiple_of(2) { -Vec3::Z } else { Vec3::new(0.0, -0.8, -0.6) },
         seen_normals,
     ];
     let params = LightParams { band_power: 0.0, ..every_pixel() };
@@ -236,7 +236,7 @@ fn rotated_world_gives_rotated_light() {
 fn stripes_of_albedo_do_not_turn_the_light() {
     let truth = light(4, LAMP, WHITE);
     let uniform = case(SIZE, 4, &truth, seen_normals);
-    let striped = uniform.clone().painted(|k| if (k / 5) % 2 == 0 { 0.3 } else { 0.9 });
+    let striped = uniform.clone().painted(|k| if (k / 5).is_multiple_of(2) { 0.3 } else { 0.9 });
     let (a, b) = (uniform.estimate(&every_pixel()), striped.estimate(&every_pixel()));
     // measured: 0.7 degrees; stripes are nearly, not fully, independent of the normals
     assert!(angle_deg(&a.light, &b.light) < 2.0, "{}", angle_deg(&a.light, &b.light));
@@ -271,7 +271,7 @@ fn robust_weights_resist_highlights() {
     let truth = light(3, LAMP, WHITE);
     let clean = case(SIZE, 3, &truth, all_normals);
     // One pixel in ten glares, all on one side.
-    let glare = |k: usize| if k % 5 == 0 && all_normals(k).x > 0.0 { 2.0 } else { 1.0 };
+    let glare = |k: usize| if k.is_multiple_of(5) && all_normals(k).x > 0.0 { 2.0 } else { 1.0 };
     let spoiled = clean.painted(glare);
     let error = |params: &LightParams| largest_difference(&spoiled.estimate(params).light, &truth);
     let (plain_error, huber_error) =
