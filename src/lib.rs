@@ -31,4 +31,5 @@ pub mod eval;
 pub mod image;
 pub mod math;
 pub mod mesh;
+pub mod synth;
 pub mod timing;

@@ -1,5 +1,7 @@
 //! Where frames come from: recordings on disk, made scenes, sensors.
 
+pub mod writer;
+
 use crate::image::Image;
 use crate::math::{Pinhole, Pose};
 
