@@ -40,4 +40,5 @@ pub mod config;
 pub mod image;
 pub mod math;
 pub mod mesh;
+pub mod synth;
 pub mod timing;

@@ -35,6 +35,8 @@ mod made_sequences;
 #[cfg(test)]
 mod real_data_tests;
 
+pub mod writer;
+
 use crate::image::Image;
 use crate::math::{Pinhole, Pose};
 use std::path::Path;

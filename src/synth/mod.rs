@@ -1,0 +1,29 @@
+//! Made sequences: a small deterministic path tracer that writes RGB-D recordings whose depth,
+//! poses and light are known exactly.
+//!
+//! ```text
+//! scenes -> Scene -> World (one moment) -> tracer -> colour, exact depth -> kinect -> TumWriter
+//! ```
+//!
+//! Pictures depend on the options alone: every sample is seeded by seed, frame, pixel and index,
+//! so the number of threads does not matter.
+
+pub mod bvh;
+mod generate;
+pub mod glb;
+pub mod kinect;
+pub mod light;
+pub mod material;
+pub mod mesh;
+pub mod sampler;
+pub mod scene;
+pub mod scenes;
+pub mod shape;
+pub mod tracer;
+pub mod truth;
+pub mod virtual_object;
+
+#[cfg(test)]
+mod tests;
+
+pub use generate::{SynthError, SynthOptions, generate};

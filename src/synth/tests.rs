@@ -1,0 +1,388 @@
+//! The renderer against closed forms, and whole sequences against their own files.
+
+use super::bvh::Ray;
+use super::light::{AreaLight, Environment, area_light_sh};
+use super::material::Material;
+use super::sampler::Sampler;
+use super::scene::{Placed, Scene};
+use super::scenes;
+use super::shape::Shape;
+use super::tracer::{Shot, World, render_centres, render_radiance};
+use super::{SynthOptions, generate};
+use crate::math::{Pinhole, Pose, View, pose_from_xyzw, sh};
+use crate::scene::analytic::{self, AnalyticScene};
+use glam::{Affine3A, DVec3, Quat, Vec3, Vec3A};
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+use std::fs;
+use std::path::Path;
+
+fn black() -> Environment {
+    Environment::Uniform(Vec3A::ZERO)
+}
+
+fn placed(shape: Shape, material: Material, at: Vec3) -> Placed {
+    Placed::new(shape, material, Affine3A::from_translation(at))
+}
+
+/// Mean radiance towards `origin` along rays through `samples` paths.
+fn mean_radiance(
+    world: &World,
+    origin: Vec3A,
+    direction: Vec3A,
+    samples: u32,
+    bounces: u32,
+) -> f64 {
+    let sum: f64 = (0..samples)
+        .map(|i| {
+            let mut sampler = Sampler::new(&[42], i);
+            let ray = Ray::new(origin, direction.normalize());
+            f64::from(world.radiance(ray, bounces, &mut sampler).x)
+        })
+        .sum();
+    sum / f64::from(samples)
+}
+
+#[test]
+fn white_furnace() {
+    for (albedo, bounces) in [(0.3f32, 64), (0.5, 64), (0.8, 256)] {
+        let wall =
+            Material { emission: Vec3A::splat(0.7), ..Material::diffuse(albedo, albedo, albedo) };
+        for shape in [Shape::block(2.0, 3.0, 1.5), Shape::sphere(1.2), Shape::cylinder(1.0, 0.9)] {
+            let world = World::new(vec![placed(shape, wall.clone(), Vec3::ZERO)], vec![], black());
+            let direction = Vec3A::new(0.3, -0.8, 0.4);
+            let inside = Vec3A::new(0.1, 0.2, 0.3);
+            let found = mean_radiance(&world, inside, direction, 1 << 14, bounces);
+            let exact = 0.7 / (1.0 - f64::from(albedo));
+            // Roulette makes a path's length geometric: standard deviation below 0.7 * exact
+            // at these albedos, so 4 standard errors of 16384 paths are 2.2 %.
+            assert!((found / exact - 1.0).abs() < 0.022, "albedo {albedo}: {found} {exact}");
+        }
+    }
+}
+
+#[test]
+fn uniform_environment_over_a_plate_gives_back_its_albedo() {
+    let plate = placed(
+        Shape::Quad { half: glam::Vec2::splat(2.0) },
+        Material::diffuse(0.6, 0.6, 0.6),
+        Vec3::ZERO,
+    );
+    let world = World::new(vec![plate], vec![], Environment::Uniform(Vec3A::splat(1.5)));
+    let found = mean_radiance(&world, Vec3A::new(0.2, 0.1, 1.0), -Vec3A::Z, 64, 4);
+    // every path escapes after one bounce with the same weight: rounding alone
+    assert!((found - 0.9).abs() < 1e-5, "{found}");
+}
+
+/// Form factor from a differential patch to a parallel rectangle with one corner straight above it
+/// (Howell, configuration B-3).
+fn corner_form_factor(a: f64, b: f64, height: f64) -> f64 {
+    let (x, y) = (a / height, b / height);
+    let (sx, sy) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    (x / sx * (y / sx).atan() + y / sy * (x / sy).atan()) / (2.0 * PI)
+}
+
+#[test]
+fn area_light_gives_the_irradiance_of_its_form_factor() {
+    let (half_x, half_y, height, radiance) = (0.4, 0.25, 0.8, 5.0);
+    let light = AreaLight {
+        centre: Vec3A::new(0.0, 0.0, height as f32),
+        half_u: Vec3A::new(0.0, half_y as f32, 0.0),
+        half_v: Vec3A::new(half_x as f32, 0.0, 0.0),
+        radiance: Vec3A::splat(radiance as f32),
+    };
+    assert!(light.normal().z < -0.999);
+    let exact = radiance * 4.0 * corner_form_factor(half_x, half_y, height);
+    let plate =
+        |material| placed(Shape::Quad { half: glam::Vec2::splat(2.0) }, material, Vec3::ZERO);
+    let eye = Vec3A::new(0.3, 0.0, 0.5);
+    let albedo = 0.5;
+    let world =
+        World::new(vec![plate(Material::diffuse(albedo, albedo, albedo))], vec![light], black());
+    let found = mean_radiance(&world, eye, -eye, 1 << 14, 1) / f64::from(albedo);
+    // well-spread samples: error below 0.1 %, five times that allowed
+    assert!((found / exact - 1.0).abs() < 5e-3, "{found} {exact}");
+
+    // The two ways to find the light agree where each alone would do: a smooth coat finds it by
+    // scattering, a rough one by sampling. More coat never takes light away from the mirror side.
+    let hidden =
+        placed(Shape::block(0.2, 0.2, 0.01), Material::diffuse(0.0, 0.0, 0.0), Vec3::Z * 0.02);
+    let world = World::new(
+        vec![plate(Material::diffuse(albedo, albedo, albedo)), hidden],
+        vec![light],
+        black(),
+    );
+    let dark = mean_radiance(&world, Vec3A::new(0.0, 0.0, 0.014), -Vec3A::Z, 1 << 10, 1);
+    assert!(dark < 0.02 * exact, "{dark} under a cover");
+}
+
+/// Solid angle of a rectangle's two triangles (Van Oosterom and Strackee 1983).
+fn solid_angle(light: &AreaLight, from: DVec3) -> f64 {
+    let corner = |u: f32, v: f32| {
+        ((light.centre + light.half_u * u + light.half_v * v).as_dvec3() - from).normalize()
+    };
+    let triangle = |a: DVec3, b: DVec3, c: DVec3| {
+        let numerator = a.dot(b.cross(c)).abs();
+        2.0 * numerator.atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a))
+    };
+    let [a, b, c, d] = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+    triangle(a, b, c) + triangle(a, c, d)
+}
+
+#[test]
+fn true_light_of_an_area_light_matches_quadrature_over_directions() {
+    let light = AreaLight::facing(
+        Vec3A::new(-0.9, -0.7, 1.4),
+        Vec3A::new(0.3, 0.1, 0.0),
+        0.7,
+        Vec3A::new(3.0, 2.0, 1.0),
+    );
+    let point = DVec3::new(0.0, 0.1, 0.1);
+    let found = area_light_sh(&light, point);
+    let band_0 = solid_angle(&light, point) * 3.0 * 0.282_094_791_8;
+    assert!((found[0][0] / band_0 - 1.0).abs() < 1e-5, "{} {band_0}", found[0][0]);
+
+    // All directions of a Fibonacci sphere that meet the rectangle.
+    let n = 400_000;
+    let mut expected = [0.0; 16];
+    for i in 0..n {
+        let z = 1.0 - (2 * i + 1) as f64 / f64::from(n);
+        let phi = PI * (3.0 - 5f64.sqrt()) * f64::from(i);
+        let r = (1.0 - z * z).sqrt();
+        let direction = DVec3::new(r * phi.cos(), r * phi.sin(), z);
+        if let Some(seen) = light.hit(point.as_vec3a(), direction.as_vec3a()) {
+            let mut basis = [0.0; sh::MAX_COEFFICIENTS];
+            sh::basis_f64(direction, 4, &mut basis);
+            let weight = f64::from(seen.radiance.y) * 4.0 * PI / f64::from(n);
+            expected.iter_mut().zip(basis).for_each(|(e, y)| *e += y * weight);
+        }
+    }
+    for (i, (f, e)) in found.iter().zip(expected).enumerate() {
+        // about 4700 directions meet the light; its border misses some by at most 0.5 %
+        assert!((f[1] - e).abs() < 5e-3 * expected[0].abs(), "{i}: {} {e}", f[1]);
+    }
+}
+
+fn shot(camera: Pinhole, world_from_camera: Pose) -> Shot {
+    Shot { camera, world_from_camera, samples: 1, bounces: 4, seed: 1, frame: 0 }
+}
+
+#[test]
+fn depth_is_that_of_the_analytic_scene() {
+    let exact = AnalyticScene::corner();
+    let material = || Material::diffuse(0.5, 0.5, 0.5);
+    let objects = exact.shapes.iter().map(|shape| match *shape {
+        analytic::Shape::Plane { normal, offset } => {
+            let turned = Affine3A::from_rotation_translation(
+                Quat::from_rotation_arc(Vec3::Z, normal),
+                normal * offset,
+            );
+            let quad = Shape::Quad { half: glam::Vec2::splat(20.0) };
+            Placed::new(quad, material(), turned)
+        }
+        analytic::Shape::Sphere { centre, radius } => {
+            placed(Shape::sphere(radius), material(), centre)
+        }
+        analytic::Shape::Box { min, max } => {
+            let size = max - min;
+            placed(Shape::block(size.x, size.y, size.z), material(), (min + max) * 0.5)
+        }
+    });
+    let world = World::new(objects.collect(), vec![], black());
+    let camera = Pinhole { width: 67, height: 43, fx: 55.0, fy: 55.0, cx: 33.0, cy: 21.0 };
+    let scene = scenes::by_name("sphere").expect("a built-in scene");
+    let pose = scene.camera_path.pose(0.3);
+    let found = render_centres(&world, &shot(camera, pose)).depth_m;
+    let expected = exact.render(&View::perspective(camera, pose)).depth_m;
+    let mut compared = 0;
+    for (f, e) in found.as_slice().iter().zip(expected.as_slice()) {
+        if *e > 0.0 {
+            // a few f32 roundings at 1 to 3 m, more along grazing rays; depth files step 2e-4
+            assert!((f - e).abs() < 2e-5, "{f} {e}");
+            compared += 1;
+        }
+    }
+    assert!(compared > 2000, "{compared}");
+}
+
+fn rendered(scene: &Scene, time_s: f64, camera: Pinhole) -> Vec<[f32; 3]> {
+    let world = World::new(scene.placed(time_s), scene.area_lights(), scene.environment.clone());
+    let shot = Shot { samples: 4, ..shot(camera, scene.camera_path.pose(time_s)) };
+    render_radiance(&world, &shot).into_vec()
+}
+
+#[test]
+fn pictures_do_not_depend_on_the_number_of_threads() {
+    let scene = scenes::by_name("demo").expect("a built-in scene");
+    let camera = Pinhole { width: 67, height: 43, fx: 55.0, fy: 55.0, cx: 33.0, cy: 21.0 };
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| rendered(&scene, 1.5, camera))
+    };
+    let one = with(1);
+    assert_eq!(one, with(3));
+    assert!(one.iter().all(|p| p.iter().all(|v| v.is_finite() && *v >= 0.0)));
+    let mean = one.iter().map(|p| f64::from(p[1])).sum::<f64>() / one.len() as f64;
+    assert!((0.1..0.6).contains(&(mean * f64::from(scene.exposure))), "exposure: {mean}");
+}
+
+#[test]
+fn cameras_move_like_hands() {
+    for name in scenes::NAMES {
+        let path = scenes::by_name(name).expect("a built-in scene").camera_path;
+        let mut moved = 0.0f64;
+        for frame in 1..120 {
+            let step = path.pose(f64::from(frame - 1) / 30.0).inverse()
+                * path.pose(f64::from(frame) / 30.0);
+            assert!(step.translation.vector.norm() < 0.010, "{name} {frame}");
+            assert!(step.rotation.angle().to_degrees() < 1.0, "{name} {frame}");
+            moved += step.translation.vector.norm();
+        }
+        assert!(moved > 0.2, "{name}: {moved}");
+    }
+}
+
+fn options(scene: &str) -> SynthOptions {
+    SynthOptions {
+        scene: scene.into(),
+        frames: 3,
+        width: 96,
+        height: 72,
+        samples: 1,
+        kinect_noise: true,
+        with_virtual: true,
+        virtual_every: 2,
+        ..SynthOptions::default()
+    }
+}
+
+/// All files below a folder with their bytes.
+fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut out = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(folder).expect("below").display().to_string();
+                out.insert(name, fs::read(&path).expect("a file"));
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn the_same_options_give_the_same_bytes_and_all_files() {
+    let make = |seed| {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let options = SynthOptions { seed, ..options("demo") };
+        generate(&options, folder.path(), &|_, _| {}).expect("a free folder");
+        contents(folder.path())
+    };
+    let (first, second, other) = (make(1), make(1), make(2));
+    assert_eq!(first, second);
+    let differs = |name: &str| first[name] != other[name];
+    assert!(differs("rgb/1000.000000.png") && differs("depth_kinect/1000.000000.png"));
+    assert!(!differs("depth/1000.000000.png"));
+    for name in [
+        "rgb.txt",
+        "depth.txt",
+        "depth_kinect.txt",
+        "associations.txt",
+        "groundtruth.txt",
+        "intrinsics.txt",
+        "light.json",
+        "virtual.json",
+        "scene.toml",
+        "object.glb",
+        "composite/1000.066667.png",
+        "composite/1000.066667.mask.png",
+    ] {
+        assert!(first.contains_key(name), "{name} is missing");
+    }
+    assert!(!first.keys().any(|name| name.ends_with(".tmp")));
+}
+
+#[test]
+fn wrong_options_are_refused_with_a_reason() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let fails = |options: SynthOptions, needle: &str| {
+        let error = generate(&options, folder.path(), &|_, _| {}).expect_err(needle).to_string();
+        assert!(error.contains(needle), "{error}");
+    };
+    fails(options("cathedral"), "cathedral");
+    fails(SynthOptions { frames: 0, ..options("demo") }, "frames");
+    fails(SynthOptions { width: 0, ..options("demo") }, "0x72");
+    fails(SynthOptions { light: Some(4), ..options("demo") }, "light 4");
+    fails(SynthOptions { environment: Some("none.hdr".into()), ..options("demo") }, "none.hdr");
+    assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0, "nothing was written");
+}
+
+type DepthPicture = image::ImageBuffer<image::Luma<u16>, Vec<u16>>;
+
+/// The frames of a sequence as its text files describe them.
+fn read_frames(folder: &Path) -> (Pinhole, Vec<(Pose, DepthPicture)>) {
+    let numbers = |line: &str| -> Vec<f64> {
+        line.split(' ').map(|word| word.parse().expect("a number")).collect()
+    };
+    let text = |name: &str| fs::read_to_string(folder.join(name)).expect("a list");
+    let lines = |text: &str| -> Vec<String> {
+        text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect()
+    };
+    let c = numbers(&lines(&text("intrinsics.txt"))[0]);
+    assert_eq!(c[6], 5000.0);
+    let camera = Pinhole {
+        width: c[4] as usize,
+        height: c[5] as usize,
+        fx: c[0] as f32,
+        fy: c[1] as f32,
+        cx: c[2] as f32,
+        cy: c[3] as f32,
+    };
+    let poses = lines(&text("groundtruth.txt"));
+    let depths = lines(&text("depth.txt"));
+    assert_eq!(poses.len(), depths.len());
+    let frames = poses.iter().zip(&depths).map(|(pose, depth)| {
+        let p = numbers(pose);
+        let pose = pose_from_xyzw([p[1], p[2], p[3]], [p[4], p[5], p[6], p[7]]);
+        let (_, file) = depth.split_once(' ').expect("two words");
+        let picture = image::open(folder.join(file)).expect("a picture").into_luma16();
+        (pose.expect("a pose"), picture)
+    });
+    (camera, frames.collect())
+}
+
+#[test]
+fn frame_0_lands_on_frame_k_by_the_written_poses() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let options = SynthOptions { frames: 12, with_virtual: false, ..options("sphere") };
+    generate(&options, folder.path(), &|_, _| {}).expect("a free folder");
+    let (camera, frames) = read_frames(folder.path());
+    let (first_pose, first) = &frames[0];
+    let (pose, last) = &frames[11];
+    assert!((pose.translation.vector - first_pose.translation.vector).norm() > 0.02);
+    let camera_from_first = pose.inverse() * first_pose;
+    let (mut errors, mut checked) = (Vec::new(), 0);
+    for (x, y, depth) in first.enumerate_pixels() {
+        let z = f64::from(depth.0[0]) / 5000.0;
+        let ray_x = (f64::from(x) - f64::from(camera.cx)) / f64::from(camera.fx);
+        let ray_y = (f64::from(y) - f64::from(camera.cy)) / f64::from(camera.fy);
+        let p = camera_from_first * nalgebra::Point3::new(ray_x * z, ray_y * z, z);
+        let u = (p.x / p.z * f64::from(camera.fx) + f64::from(camera.cx)).round();
+        let v = (p.y / p.z * f64::from(camera.fy) + f64::from(camera.cy)).round();
+        let inside = u >= 0.0 && v >= 0.0 && u < camera.width as f64 && v < camera.height as f64;
+        if z > 0.0 && inside {
+            let there = f64::from(last.get_pixel(u as u32, v as u32).0[0]) / 5000.0;
+            errors.push((there - p.z).abs());
+            checked += 1;
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    assert!(checked > 5000, "{checked}");
+    // Half a pixel is 5 mm across at 0.8 m, on slopes around 45 degrees; edges are beyond 90 %.
+    assert!(errors[checked / 2] < 0.004, "{}", errors[checked / 2]);
+    assert!(errors[checked * 9 / 10] < 0.015, "{}", errors[checked * 9 / 10]);
+}
