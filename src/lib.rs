@@ -40,5 +40,4 @@ pub mod config;
 pub mod image;
 pub mod math;
 pub mod mesh;
-pub mod synth;
 pub mod timing;

@@ -28,7 +28,7 @@ pub use stage::{ComposeInput, CompositingStage, ShadingBuffers};
 use crate::image::{Image, Size};
 
 /// What the rasteriser knows of virtual objects, pixel by pixel.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct VirtualLayer {
     /// Linear albedo of virtual pixels.
     pub albedo: Image<[f32; 3]>,
@@ -41,17 +41,6 @@ impl VirtualLayer {
     pub fn empty(size: Size) -> Self {
         Self { albedo: Image::new(size, [0.0; 3]), coverage: Image::new(size, 0.0) }
     }
-}
-
-use crate::image::Image;
-
-/// What virtual objects look like in a view, before light.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct VirtualLayer {
-    /// Linear RGB of virtual pixels.
-    pub albedo: Image<[f32; 3]>,
-    /// Visible share of the pixel covered by virtual objects, 0..1.
-    pub coverage: Image<f32>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

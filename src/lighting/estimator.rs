@@ -129,6 +129,13 @@ impl LightEstimator {
         estimate
     }
 
+    /// The light of a frame without any surface to look at: the last one, a frame older.
+    pub fn without_surface(&mut self, view: &View, bands: usize) -> LightEstimate {
+        let estimate = self.keep(Rejection::NoSurface, view, bands);
+        self.last = Some(estimate.clone());
+        estimate
+    }
+
     fn renew(
         &mut self,
         frame: &RgbdFrame,

@@ -6,6 +6,7 @@
 //! ```
 
 mod estimator;
+pub mod exitant;
 mod normal_equations;
 mod samples;
 mod solve;

@@ -11,6 +11,7 @@ mod light_log;
 mod lines;
 mod mesh_file;
 mod picture;
+mod run_writer;
 mod timings;
 mod trajectory_file;
 mod video;
@@ -22,6 +23,7 @@ pub use light_log::{LightLog, LightRecord};
 pub use lines::LineWriter;
 pub use mesh_file::write_ply;
 pub use picture::{DEPTH_UNITS_PER_M, write_color_png, write_depth_png};
+pub use run_writer::{BufferPicture, OutputPlan, RunWriter};
 pub use timings::{
     FrameTiming, Quantiles, TimingSummary, TimingsLog, stage_table, write_timings_json,
 };

@@ -8,7 +8,6 @@ use super::{
 use crate::image::Image;
 use crate::lighting::LightChannels;
 use crate::pipeline::{FrameOutcome, Pipeline};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Rows of `environment.hdr`; it is twice as wide.
@@ -78,7 +77,9 @@ impl RunWriter {
         warm_up: usize,
     ) -> Result<Self, OutputError> {
         make_folder(folder)?;
-        for name in buffers.iter().map(|(name, _)| name.as_str()).chain(plan.frames.then_some("frames")) {
+        for name in
+            buffers.iter().map(|(name, _)| name.as_str()).chain(plan.frames.then_some("frames"))
+        {
             make_folder(&folder.join(name))?;
         }
         let settings = pipeline.settings().to_toml();
@@ -107,7 +108,11 @@ impl RunWriter {
         })
     }
 
-    pub fn frame(&mut self, pipeline: &Pipeline, outcome: &FrameOutcome) -> Result<(), OutputError> {
+    pub fn frame(
+        &mut self,
+        pipeline: &Pipeline,
+        outcome: &FrameOutcome,
+    ) -> Result<(), OutputError> {
         let name = format!("{:06}.png", outcome.index);
         if self.plan.frames {
             write_color_png(&self.folder.join("frames").join(&name), pipeline.composed())?;

@@ -127,6 +127,15 @@ impl VirtualScene {
         Ok(Self { objects })
     }
 
+    /// Moves all objects that have a place, metres.
+    pub fn translate(&mut self, offset: Vec3) {
+        for object in &mut self.objects {
+            if let Placement::Placed(similarity) = &mut object.placement {
+                similarity.translation += offset;
+            }
+        }
+    }
+
     /// Stands waiting objects on the surface seen at their pixel, once `frame` has come. Returns how
     /// many found their place; the others are tried again with the next frame.
     pub fn resolve(&mut self, frame: usize, surface: &GBuffer) -> usize {

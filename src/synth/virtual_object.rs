@@ -6,7 +6,9 @@ use super::mesh::MeshData;
 use super::sampler::sin_cos_turns;
 use crate::image::{Image, Size};
 use crate::math::color::srgb8_from_linear;
+use crate::scene::{Material, Model, PartData, Texture, Vertex, Wrap};
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
+use std::sync::Arc;
 
 const TEXTURE: Size = Size::new(512, 512);
 /// The knot's texture lies above this v, the foot's below.
@@ -25,6 +27,21 @@ pub fn figure() -> (MeshData, Image<[u8; 3]>) {
         *v = Vec3A::new(v.x, v.z, -v.y);
     }
     (mesh, texture())
+}
+
+/// The figure as a model to compose.
+pub fn model() -> Model {
+    let (mesh, picture) = figure();
+    let corners = mesh.positions.iter().zip(&mesh.normals).zip(&mesh.uvs);
+    let vertices = corners
+        .map(|((&p, &n), &uv)| Vertex { position: p.into(), normal: n.into(), uv })
+        .collect();
+    let texels = picture.as_slice().iter().map(|&[r, g, b]| [r, g, b, 255]).collect();
+    let texture =
+        Texture::new(picture.width(), picture.height(), texels, [Wrap::Repeat; 2]).map(Arc::new);
+    let material = Material { texture, ..Material::default() };
+    let part = PartData { vertices, triangles: mesh.triangles, material, ..PartData::default() };
+    Model::new("figure", vec![part]).expect("the figure's triangles name its own corners")
 }
 
 /// Where a glTF object (+y up) stands in a world with +z up: turned by `yaw_deg` about the world's

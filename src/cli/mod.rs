@@ -1,0 +1,108 @@
+//! The command line: reads it, calls the library, says what came out.
+
+mod args;
+mod commands;
+mod objects;
+mod pictures;
+mod setup;
+
+use args::{Cli, Command};
+use clap::Parser;
+use std::process::ExitCode;
+
+/// What went wrong, by the exit code that scripts see (2 is clap's, for wrong usage).
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    #[error("{0}")]
+    Usage(String),
+    #[error("{0}")]
+    Sequence(String),
+    #[error("{0}")]
+    Object(String),
+    #[error("{0}")]
+    Output(String),
+    #[error("{0}")]
+    Run(String),
+}
+
+impl CliError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            CliError::Run(_) => 1,
+            CliError::Usage(_) => 2,
+            CliError::Sequence(_) => 3,
+            CliError::Object(_) => 4,
+            CliError::Output(_) => 5,
+        }
+    }
+
+    fn kind(&self) -> &'static str {
+        match self {
+            CliError::Run(_) => "run",
+            CliError::Usage(_) => "usage",
+            CliError::Sequence(_) => "sequence",
+            CliError::Object(_) => "object",
+            CliError::Output(_) => "output",
+        }
+    }
+}
+
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    setup::start_logging(cli.verbose);
+    let talk = Talk { json: cli.json, quiet: cli.quiet };
+    let result = match &cli.command {
+        Command::Replay(args) => commands::replay(args, talk),
+        Command::Compare(args) => commands::compare(args, talk),
+        Command::Info(args) => commands::info(args, talk),
+        Command::Synth(args) => commands::synth(args, talk),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            if cli.json {
+                let message = serde_json::json!({
+                    "error": { "kind": error.kind(), "message": error.to_string() }
+                });
+                println!("{message}");
+            }
+            eprintln!("kinlight: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+/// How much is said, and in which form.
+#[derive(Clone, Copy, Debug)]
+pub struct Talk {
+    json: bool,
+    quiet: bool,
+}
+
+impl Talk {
+    /// Text for people: on standard output, unless that belongs to the JSON result.
+    fn say(self, text: impl std::fmt::Display) {
+        if self.json || self.quiet {
+            return;
+        }
+        println!("{text}");
+    }
+
+    fn result(self, value: &serde_json::Value) {
+        if self.json {
+            println!("{value}");
+        }
+    }
+
+    fn progress(self, len: usize) -> indicatif::ProgressBar {
+        if self.quiet || self.json {
+            return indicatif::ProgressBar::hidden();
+        }
+        let bar = indicatif::ProgressBar::new(len as u64);
+        let style = indicatif::ProgressStyle::with_template(
+            "{prefix} {wide_bar} {pos}/{len} {msg} {eta_precise}",
+        );
+        bar.set_style(style.expect("the template is a constant"));
+        bar
+    }
+}

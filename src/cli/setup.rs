@@ -1,0 +1,82 @@
+//! From arguments to settings, sequence, threads and log.
+
+use super::CliError;
+use super::args::{Poses, ReadingArgs, RunArgs};
+use kinlight::capture::{CaptureOptions, Sequence, open_sequence};
+use kinlight::config::Settings;
+use kinlight::tracking::PoseMode;
+use std::path::Path;
+
+pub fn start_logging(verbose: u8) {
+    let level = match verbose {
+        0 => log::LevelFilter::Info,
+        1 => log::LevelFilter::Debug,
+        _ => log::LevelFilter::Trace,
+    };
+    env_logger::Builder::new()
+        .filter_level(log::LevelFilter::Warn)
+        .filter_module("kinlight", level)
+        .format_timestamp(None)
+        .format_target(false)
+        .init();
+}
+
+/// Preset, then file, then single fields, then the flags that are short for a field.
+pub fn settings(preset: &str, run: &RunArgs) -> Result<Settings, CliError> {
+    let usage = |e: kinlight::config::SettingsError| CliError::Usage(e.to_string());
+    let mut settings = Settings::preset(preset).map_err(usage)?;
+    if let Some(file) = &run.settings {
+        settings.merge_file(file).map_err(usage)?;
+    }
+    for assignment in &run.assignments {
+        settings.assign(assignment).map_err(usage)?;
+    }
+    if let Some(poses) = run.poses {
+        settings.tracking.mode = match poses {
+            Poses::Track => PoseMode::Track,
+            Poses::Recorded => PoseMode::Recorded,
+            Poses::Static => PoseMode::Static,
+        };
+    }
+    if let Some(seed) = run.seed {
+        settings.transfer.seed = seed;
+    }
+    settings.validate().map_err(usage)?;
+    Ok(settings)
+}
+
+pub fn capture_options(reading: &ReadingArgs) -> CaptureOptions {
+    CaptureOptions {
+        calibration: reading.calibration.clone(),
+        depth_factor: reading.depth_factor,
+        depth_list: reading.depth_list.clone(),
+        max_time_difference_s: reading.max_time_difference,
+        ..CaptureOptions::default()
+    }
+}
+
+pub fn open(run: &RunArgs) -> Result<Sequence, CliError> {
+    let mut options = capture_options(&run.reading);
+    if let Some(range) = run.frames {
+        options.first_frame = range.first;
+        options.end_frame = range.end;
+    }
+    open_sequence(&run.sequence, &options)
+        .map_err(|e| CliError::Sequence(explain(&run.sequence, e)))
+}
+
+fn explain(path: &Path, error: kinlight::capture::CaptureError) -> String {
+    if path == Path::new("sequences/demo") && !path.exists() {
+        return "sequences/demo is not here: run from the project's folder, or name a sequence"
+            .into();
+    }
+    error.to_string()
+}
+
+/// Rayon's pool of this size; 0 takes one thread a core.
+pub fn start_threads(threads: usize) -> Result<(), CliError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .map_err(|e| CliError::Run(format!("threads: {e}")))
+}

@@ -1,0 +1,392 @@
+//! The order of the stages and what lives from frame to frame; nothing else.
+
+mod origin;
+
+pub use origin::WorldOrigin;
+
+use crate::capture::{InputStage, RawFrame, RgbdFrame};
+use crate::compositing::{ComposeInput, CompositingStage, ShadingBuffers, VirtualLayer};
+use crate::config::Settings;
+use crate::fusion::{SurfaceStage, TsdfVolume, place_centre};
+use crate::geometry::{DynGeo, GBuffer};
+use crate::image::Image;
+use crate::lighting::exitant::{DominantLight, exitant_radiance};
+use crate::lighting::{LightEstimate, LightEstimator, ShLight};
+use crate::math::{Pinhole, Pose, View};
+use crate::mesh::TriangleMesh;
+use crate::scene::{Rasteriser, VirtualScene};
+use crate::timing::{Stage, StageTimes};
+use crate::tracking::{OnLost, Tracker, Tracking, TrackingState};
+use crate::transfer::{IndirectMap, RadianceTransfer, TransferMap};
+
+#[derive(Debug, thiserror::Error)]
+pub enum PipelineError {
+    #[error("frame {frame}: the camera is lost ({reason}) and tracking.on_lost is \"stop\"")]
+    Lost { frame: usize, reason: String },
+    #[error(transparent)]
+    Volume(#[from] crate::fusion::FusionError),
+    #[error(transparent)]
+    Transfer(#[from] crate::transfer::TransferError),
+}
+
+/// What one frame gave. Poses are in the recording's world.
+#[derive(Clone, Debug)]
+pub struct FrameOutcome {
+    pub index: usize,
+    pub timestamp_s: f64,
+    pub tracking: Tracking,
+    pub recorded_pose: Option<Pose>,
+    pub light: LightEstimate,
+    /// Whether virtual objects were composed: not where the camera is lost.
+    pub composed: bool,
+    pub times: StageTimes,
+    pub volume_bytes: usize,
+}
+
+/// The map of the room; it exists from the first fused frame on.
+struct Map {
+    volume: TsdfVolume,
+    surface: SurfaceStage,
+}
+
+/// Geometry buffers with the virtual scene drawn into them, and what their pixels radiate.
+struct Merged {
+    main: GBuffer,
+    layer: VirtualLayer,
+    radiance: Image<[f32; 3]>,
+    auxiliary: Vec<GBuffer>,
+    auxiliary_layers: Vec<VirtualLayer>,
+    auxiliary_radiance: Vec<Image<[f32; 3]>>,
+}
+
+/// All stages, and the state carried between frames.
+pub struct Pipeline {
+    settings: Settings,
+    camera: Pinhole,
+    origin: Option<WorldOrigin>,
+    scene: VirtualScene,
+    input: InputStage,
+    tracker: Tracker,
+    map: Option<Map>,
+    dyn_geo: DynGeo,
+    radiance_transfer: RadianceTransfer,
+    estimator: LightEstimator,
+    /// Of the last frame.
+    light: Option<LightEstimate>,
+    composed_last: bool,
+    rasteriser: Rasteriser,
+    compositor: CompositingStage,
+    last: FrameBuffers,
+    composed: Image<[u8; 3]>,
+}
+
+/// Everything that is known about the newest frame before it is composed.
+struct FrameBuffers {
+    frame: RgbdFrame,
+    /// G_r, the filtered geometry buffer.
+    real: GBuffer,
+    merged: Merged,
+    real_transfer: TransferMap,
+    merged_transfer: TransferMap,
+    indirect: IndirectMap,
+}
+
+impl Pipeline {
+    /// `settings` must have been validated; `camera` is that of every frame to come.
+    pub fn new(
+        settings: Settings,
+        camera: Pinhole,
+        scene: VirtualScene,
+    ) -> Result<Self, PipelineError> {
+        let view = View::perspective(camera, Pose::identity());
+        Ok(Self {
+            input: InputStage::new(&settings.input),
+            tracker: Tracker::new(&settings.tracking, camera),
+            dyn_geo: DynGeo::new(&settings.dyn_geo),
+            radiance_transfer: RadianceTransfer::new(&settings.transfer, &settings.bounce)?,
+            estimator: LightEstimator::new(&settings.light),
+            compositor: CompositingStage::new(&settings.compositing),
+            rasteriser: Rasteriser::default(),
+            last: FrameBuffers {
+                frame: RgbdFrame::default(),
+                real: GBuffer::empty(view),
+                merged: Merged::new(view),
+                real_transfer: TransferMap::default(),
+                merged_transfer: TransferMap::default(),
+                indirect: IndirectMap::default(),
+            },
+            composed: Image::new(camera.size(), [0; 3]),
+            map: None,
+            origin: None,
+            light: None,
+            composed_last: false,
+            scene,
+            camera,
+            settings,
+        })
+    }
+
+    /// Runs one frame through all stages. `times` already holds what reading the frame took.
+    pub fn process(
+        &mut self,
+        mut raw: RawFrame,
+        mut times: StageTimes,
+    ) -> Result<FrameOutcome, PipelineError> {
+        let recorded_pose = raw.world_from_camera;
+        let origin = self.enter_local_world(&mut raw);
+
+        times.measure(Stage::Input, || self.input.prepare(raw, &mut self.last.frame));
+        let tracking = times.measure(Stage::Reconstruct, || self.reconstruct())?;
+        let view = View::perspective(self.camera, tracking.world_from_camera);
+
+        let towards_light = self.light.as_ref().and_then(|l| l.light.dominant_direction());
+        let light = match (&mut self.map, tracking.state) {
+            (
+                Some(map),
+                TrackingState::Init | TrackingState::Tracking | TrackingState::Degraded,
+            ) => {
+                times.measure(Stage::Surface, || {
+                    map.surface.update(&map.volume, view, towards_light)
+                });
+                self.light_the_scene(&mut times)
+            }
+            _ => {
+                self.composed.clone_from(&self.last.frame.color_srgb);
+                None
+            }
+        };
+        let composed = light.is_some();
+        self.composed_last = composed;
+        let bands = self.settings.transfer.bands;
+        let light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
+        self.light = Some(light.clone());
+        Ok(FrameOutcome {
+            index: self.last.frame.index,
+            timestamp_s: self.last.frame.timestamp_s,
+            tracking: Tracking {
+                world_from_camera: origin.world_from_local(&tracking.world_from_camera),
+                ..tracking
+            },
+            recorded_pose,
+            light,
+            composed,
+            times,
+            volume_bytes: self.map.as_ref().map_or(0, |m| m.volume.memory_bytes()),
+        })
+    }
+
+    /// Moves the frame, and on the first call the virtual scene, to coordinates near the camera.
+    fn enter_local_world(&mut self, raw: &mut RawFrame) -> WorldOrigin {
+        let origin = *self.origin.get_or_insert_with(|| {
+            let origin = WorldOrigin::near(&raw.world_from_camera.unwrap_or_default());
+            self.scene.translate(origin.local_point([0.0; 3]));
+            origin
+        });
+        raw.world_from_camera = raw.world_from_camera.map(|pose| origin.local_from_world(&pose));
+        origin
+    }
+
+    /// Camera pose, and integration of well tracked frames into V.
+    fn reconstruct(&mut self) -> Result<Tracking, PipelineError> {
+        let model = self.map.as_ref().map(|m| &m.surface.main);
+        let map = self.map.as_ref();
+        let tracking = self.tracker.track(&self.last.frame, model, &mut |view, out| match map {
+            Some(map) => map.volume.raycast(view, out),
+            None => out.set_view(*view),
+        });
+        if tracking.state == TrackingState::Lost {
+            match self.settings.tracking.on_lost {
+                OnLost::Hold | OnLost::Relocalise => {}
+                OnLost::Stop => {
+                    let reason =
+                        tracking.issue.map_or("no reason".into(), |issue| issue.to_string());
+                    return Err(PipelineError::Lost { frame: self.last.frame.index, reason });
+                }
+                OnLost::Reset => {
+                    self.map = None;
+                    self.tracker.reset(tracking.world_from_camera);
+                }
+            }
+        }
+        if tracking.may_fuse() {
+            let view = View::perspective(self.camera, tracking.world_from_camera);
+            if self.map.is_none() {
+                self.map = self.start_map(&view)?;
+            }
+            if let Some(map) = &mut self.map {
+                map.volume.integrate(&self.last.frame, &view)?;
+            }
+        }
+        Ok(tracking)
+    }
+
+    /// Places V by the settings or from what this frame sees; none where it sees nothing.
+    fn start_map(&self, view: &View) -> Result<Option<Map>, PipelineError> {
+        let params = &self.settings.volume;
+        let centre = match (params.centre, self.origin) {
+            (Some(centre), Some(origin)) => Some(origin.local_point(centre)),
+            _ => place_centre(&self.last.frame, view, params.side_m),
+        };
+        let Some(centre) = centre else { return Ok(None) };
+        let volume = TsdfVolume::new(params, centre)?;
+        let surface = SurfaceStage::new(&volume, *view, &self.settings.surface);
+        Ok(Some(Map { volume, surface }))
+    }
+
+    /// From the model seen in this frame's view to the composed picture.
+    fn light_the_scene(&mut self, times: &mut StageTimes) -> Option<LightEstimate> {
+        let surface = &self.map.as_ref()?.surface;
+        let (model, auxiliary) = (&surface.main, &surface.auxiliary);
+        let FrameBuffers { frame, real, merged, real_transfer, merged_transfer, indirect } =
+            &mut self.last;
+
+        times.measure(Stage::DynGeo, || self.dyn_geo.run(frame, model, real));
+        times.measure(Stage::RadTransfer, || {
+            self.radiance_transfer.transfer(real, auxiliary, real_transfer);
+        });
+        let light =
+            times.measure(Stage::LightEst, || self.estimator.estimate(frame, real, real_transfer));
+
+        times.measure(Stage::Rendering, || {
+            self.scene.resolve(frame.index, real);
+            merged.draw(&mut self.rasteriser, &self.scene, real, auxiliary);
+        });
+        times.measure(Stage::RadTransfer, || {
+            let with_virtual = (&merged.main, merged.auxiliary.as_slice());
+            self.radiance_transfer.transfer_with_virtual(
+                (real, auxiliary),
+                with_virtual,
+                real_transfer,
+                merged_transfer,
+            );
+            if self.settings.bounce.enabled {
+                merged.radiate(&frame.color, &light, self.settings.light.mean_albedo);
+                self.radiance_transfer.bounce(
+                    (&merged.main, &merged.auxiliary),
+                    (&merged.radiance, &merged.auxiliary_radiance),
+                    indirect,
+                );
+            }
+        });
+        times.measure(Stage::Rendering, || {
+            let input = self.last.compose_input(&self.settings, &light.light);
+            self.compositor.compose(&input, &mut self.composed);
+        });
+        Some(light)
+    }
+
+    /// The composed picture of the last frame.
+    pub fn composed(&self) -> &Image<[u8; 3]> {
+        &self.composed
+    }
+
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The light of the last frame.
+    pub fn light(&self) -> Option<&LightEstimate> {
+        self.light.as_ref()
+    }
+
+    /// The newest frame after the Input stage.
+    pub fn frame(&self) -> &RgbdFrame {
+        &self.last.frame
+    }
+
+    /// G_v: the model in the newest view.
+    pub fn model(&self) -> Option<&GBuffer> {
+        self.map.as_ref().map(|m| &m.surface.main)
+    }
+
+    /// G_r, and the same with virtual objects; `None` where the newest frame was not composed.
+    pub fn geometry(&self) -> Option<(&GBuffer, &GBuffer)> {
+        self.composed_last.then_some((&self.last.real, &self.last.merged.main))
+    }
+
+    /// R and R' of the newest frame at full resolution. Computed anew: for looking, not for speed.
+    pub fn shading(&self) -> Option<ShadingBuffers> {
+        let light = self.light.as_ref().filter(|_| self.composed_last)?;
+        let input = self.last.compose_input(&self.settings, &light.light);
+        Some(self.compositor.clone().shading_buffers(&input))
+    }
+
+    /// The reconstructed surface in the recording's world; empty before the first fused frame.
+    pub fn mesh(&self) -> TriangleMesh {
+        let mut mesh = self.map.as_ref().map(|m| m.volume.mesh()).unwrap_or_default();
+        if let Some(origin) = self.origin {
+            let offset = origin.offset();
+            for position in &mut mesh.positions {
+                *position = std::array::from_fn(|i| (f64::from(position[i]) + offset[i]) as f32);
+            }
+        }
+        mesh
+    }
+}
+
+impl FrameBuffers {
+    fn compose_input<'a>(&'a self, settings: &Settings, light: &'a ShLight) -> ComposeInput<'a> {
+        ComposeInput {
+            frame: &self.frame,
+            real: &self.real,
+            merged: &self.merged.main,
+            layer: &self.merged.layer,
+            real_transfer: &self.real_transfer,
+            merged_transfer: &self.merged_transfer,
+            indirect: settings.bounce.enabled.then_some(&self.indirect),
+            light,
+            mean_albedo: settings.light.mean_albedo,
+        }
+    }
+}
+
+impl Merged {
+    fn new(view: View) -> Self {
+        Self {
+            main: GBuffer::empty(view),
+            layer: VirtualLayer::default(),
+            radiance: Image::default(),
+            auxiliary: Vec::new(),
+            auxiliary_layers: Vec::new(),
+            auxiliary_radiance: Vec::new(),
+        }
+    }
+
+    fn draw(
+        &mut self,
+        rasteriser: &mut Rasteriser,
+        scene: &VirtualScene,
+        real: &GBuffer,
+        auxiliary: &[GBuffer],
+    ) {
+        rasteriser.draw(scene, real, &mut self.main, &mut self.layer);
+        let count = auxiliary.len();
+        self.auxiliary.truncate(count);
+        for buffer in &auxiliary[self.auxiliary.len()..] {
+            self.auxiliary.push(GBuffer::empty(buffer.view));
+        }
+        self.auxiliary_layers.resize_with(count, VirtualLayer::default);
+        self.auxiliary_radiance.resize_with(count, Image::default);
+        for (i, buffer) in auxiliary.iter().enumerate() {
+            let layer = &mut self.auxiliary_layers[i];
+            rasteriser.draw(scene, buffer, &mut self.auxiliary[i], layer);
+        }
+    }
+
+    fn radiate(&mut self, camera_color: &Image<[f32; 3]>, light: &LightEstimate, mean_albedo: f32) {
+        let dominant = DominantLight::of(&light.light);
+        exitant_radiance(
+            &self.main,
+            &self.layer,
+            Some(camera_color),
+            dominant,
+            mean_albedo,
+            &mut self.radiance,
+        );
+        for (i, buffer) in self.auxiliary.iter().enumerate() {
+            let layer = &self.auxiliary_layers[i];
+            let out = &mut self.auxiliary_radiance[i];
+            exitant_radiance(buffer, layer, None, dominant, mean_albedo, out);
+        }
+    }
+}

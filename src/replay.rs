@@ -1,0 +1,178 @@
+//! A whole sequence through the pipeline, and what it amounts to.
+
+use crate::capture::{CaptureError, FrameSource, Sequence, SkippedFrame};
+use crate::eval::light::LightTruth;
+use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
+use crate::math::Pose;
+use crate::output::{OutputError, RunWriter};
+use crate::pipeline::{FrameOutcome, Pipeline, PipelineError};
+use crate::timing::{Stage, StageTimes};
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error("no frame could be read; the first was skipped because {0}")]
+    NoFrames(String),
+}
+
+/// What a run amounts to. Lengths in metres, angles in degrees.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct ReplaySummary {
+    pub frames: usize,
+    pub skipped: Vec<SkippedFrame>,
+    /// Frames in each tracking state.
+    pub states: BTreeMap<String, usize>,
+    /// Share of frames that were tracked well enough to be fused.
+    pub tracked_share: f64,
+    /// Against the poses of the recording, where it has them; ATE after rigid alignment.
+    pub absolute_error: Option<trajectory::AbsoluteError>,
+    pub relative_error: Option<trajectory::RelativeError>,
+    /// Against the recording's light.json, where it has one.
+    pub light_error: Option<LightErrors>,
+    pub volume_bytes: usize,
+}
+
+/// Distribution over the frames with a valid light.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct LightErrors {
+    pub frames: usize,
+    /// Angle between the estimated and the true dominant direction.
+    pub median_deg: f64,
+    pub p95_deg: f64,
+    pub max_deg: f64,
+    /// Relative L2 of the SH coefficients after the best common scale.
+    pub median_relative_l2: f64,
+}
+
+/// Counts and errors, gathered while frames go by.
+#[derive(Debug, Default)]
+struct Tally {
+    frames: usize,
+    fused: usize,
+    states: BTreeMap<String, usize>,
+    estimated: Vec<TimedPose>,
+    recorded: Vec<TimedPose>,
+    angles_deg: Vec<f64>,
+    relative_l2: Vec<f64>,
+    volume_bytes: usize,
+}
+
+/// Runs every frame of `source`; `writer` gets each result, `on_frame` may look at it.
+pub fn replay(
+    source: &mut Sequence,
+    pipeline: &mut Pipeline,
+    writer: &mut RunWriter,
+    truth: Option<&LightTruth>,
+    on_frame: &mut dyn FnMut(&FrameOutcome),
+) -> Result<ReplaySummary, ReplayError> {
+    let mut tally = Tally::default();
+    loop {
+        let start = Instant::now();
+        let Some(raw) = source.next_frame()? else { break };
+        let mut times = StageTimes::default();
+        times.add(Stage::Input, start.elapsed());
+        let outcome = pipeline.process(raw, times)?;
+        writer.frame(pipeline, &outcome)?;
+        tally.add(&outcome, truth);
+        on_frame(&outcome);
+    }
+    if tally.frames == 0 {
+        let reason = source.skipped().first().map_or("it is empty", |s| &s.reason);
+        return Err(ReplayError::NoFrames(reason.to_owned()));
+    }
+    let summary = tally.summary(source.skipped().to_vec());
+    writer.finish(pipeline, &summary)?;
+    Ok(summary)
+}
+
+impl Tally {
+    fn add(&mut self, outcome: &FrameOutcome, truth: Option<&LightTruth>) {
+        self.frames += 1;
+        self.fused += usize::from(outcome.tracking.may_fuse());
+        *self.states.entry(format!("{:?}", outcome.tracking.state)).or_default() += 1;
+        self.volume_bytes = self.volume_bytes.max(outcome.volume_bytes);
+        let timed =
+            |pose: Pose| TimedPose { timestamp_s: outcome.timestamp_s, world_from_camera: pose };
+        if outcome.composed {
+            self.estimated.push(timed(outcome.tracking.world_from_camera));
+        }
+        self.recorded.extend(outcome.recorded_pose.map(timed));
+        if !outcome.light.valid() {
+            return;
+        }
+        let segment = truth.and_then(|t| t.at_frame(outcome.index));
+        if let Some(error) = segment.and_then(|s| s.error_of(&outcome.light.light)) {
+            self.angles_deg.extend(error.angle_deg);
+            self.relative_l2.push(error.relative_l2);
+        }
+    }
+
+    fn summary(mut self, skipped: Vec<SkippedFrame>) -> ReplaySummary {
+        let (estimated, recorded) = (&self.estimated, &self.recorded);
+        // Too few poses for an error are no error.
+        let absolute = trajectory::absolute_error(estimated, recorded, MATCH_TOLERANCE_S).ok();
+        let relative = trajectory::relative_error(estimated, recorded, MATCH_TOLERANCE_S, 1).ok();
+        ReplaySummary {
+            frames: self.frames,
+            skipped,
+            tracked_share: self.fused as f64 / self.frames as f64,
+            states: self.states,
+            absolute_error: absolute,
+            relative_error: relative,
+            light_error: (!self.angles_deg.is_empty()).then(|| LightErrors {
+                frames: self.angles_deg.len(),
+                median_deg: quantile(&mut self.angles_deg, 0.5),
+                p95_deg: quantile(&mut self.angles_deg, 0.95),
+                max_deg: quantile(&mut self.angles_deg, 1.0),
+                median_relative_l2: quantile(&mut self.relative_l2, 0.5),
+            }),
+            volume_bytes: self.volume_bytes,
+        }
+    }
+}
+
+/// Nearest-rank quantile of at least one value.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[((values.len() - 1) as f64 * share).round() as usize]
+}
+
+impl std::fmt::Display for ReplaySummary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let states: Vec<String> =
+            self.states.iter().map(|(state, n)| format!("{state} {n}")).collect();
+        writeln!(
+            f,
+            "{} frames, {:.1} % tracked ({}), {} skipped",
+            self.frames,
+            100.0 * self.tracked_share,
+            states.join(", "),
+            self.skipped.len()
+        )?;
+        if let Some(e) = &self.absolute_error {
+            writeln!(
+                f,
+                "trajectory: ATE RMSE {:.2} cm over {} of {} recorded poses (rigid alignment){}",
+                100.0 * e.translation_m.rmse,
+                e.matched,
+                e.reference,
+                if e.degeneracy.is_some() { ", the path is too straight to say much" } else { "" }
+            )?;
+        }
+        if let Some(e) = &self.light_error {
+            writeln!(
+                f,
+                "light: dominant direction off by {:.1} degrees (median), {:.1} (95 %), over {} frames",
+                e.median_deg, e.p95_deg, e.frames
+            )?;
+        }
+        write!(f, "volume: {:.0} MiB", self.volume_bytes as f64 / (1 << 20) as f64)
+    }
+}

@@ -1,0 +1,38 @@
+//! Running the program as a user does.
+#![allow(dead_code, reason = "each test binary uses a part")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+pub fn kinlight(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_kinlight"))
+        .args(args)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("the program starts")
+}
+
+/// Runs and demands success; gives the JSON result.
+pub fn kinlight_json(args: &[&str]) -> serde_json::Value {
+    let output = kinlight(&[args, &["--json"]].concat());
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("one JSON value on standard output")
+}
+
+/// Real recordings, where they are at hand; says so where not.
+pub fn real_sequence(name: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("KINLIGHT_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    let path = root.join(name);
+    if path.is_dir() {
+        return Some(path);
+    }
+    eprintln!("SKIPPED: no {name} below KINLIGHT_DATA or ../shared/data");
+    None
+}
+
+pub fn text(path: &Path) -> &str {
+    path.to_str().expect("test paths are UTF-8")
+}
