@@ -14,7 +14,7 @@ use crate::transfer::TransferMap;
 const SAMPLES_PER_COEFFICIENT: usize = 4;
 
 /// Rounds of re-weighting. The weights of an L1-like loss settle within a few.
-const HUBER_ROUNDS: usize = 3;
+const HUBER_ROUNDS: usize = 2;
 
 /// Weight of the past against the present when the two are compared.
 const PAST_DOMINANCE: f64 = 10.0;
