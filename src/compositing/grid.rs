@@ -321,11 +321,12 @@ impl RowEvaluation<'_> {
                 planes[layout.merged(c) * width + i] = merged[c];
             }
             if let Some(indirect) = self.input.indirect {
-                let light = indirect.rgb[j * width + i].map(|v| v.clamp(0.0, f32::MAX));
-                differs |= light != [0.0; 3];
+                let light = indirect.rgb[j * width + i];
                 for c in 0..3 {
-                    // NaN would survive clamp
-                    planes[layout.bounce(c) * width + i] = light[c].max(0.0);
+                    // max turns NaN into 0
+                    let light = light[c].max(0.0).clamp(0.0, f32::MAX);
+                    differs |= light != 0.0;
+                    planes[layout.bounce(c) * width + i] = light;
                 }
             }
             changed[i] = u8::from(differs);

@@ -1,13 +1,12 @@
 //! From full-resolution shading to display pixels.
 
-use super::encode::{SRGB, soften};
+use super::encode::{SrgbEncoder, soften};
 use super::grid::{Lamp, Layout, VirtualShading};
 use super::planes::{LANES, Planes};
 use super::stage::ComposeInput;
 use super::{CompositingParams, Compositor};
 use crate::geometry::Origin;
 use crate::image::Image;
-use crate::math::color::LINEAR_FROM_SRGB8;
 use glam::Vec3;
 
 /// R'/R above this is noise on the dark side.
@@ -23,6 +22,8 @@ pub struct Composer<'a> {
     pub virtual_shading: VirtualShading,
     /// Scales R to the tone mapper's key.
     pub exposure: f32,
+    pub encoder: &'static SrgbEncoder,
+    pub decoder: &'static [f32; 256],
 }
 
 /// What the scene with virtual objects does to a real pixel.
@@ -159,7 +160,7 @@ impl Composer<'_> {
         virtual_light: &Image<[f32; 3]>,
         camera: [u8; 3],
     ) -> [u8; 3] {
-        let decode = |code: u8| LINEAR_FROM_SRGB8[usize::from(code)];
+        let decode = |code: u8| self.decoder[usize::from(code)];
         let linear = [decode(camera[0]), decode(camera[1]), decode(camera[2])];
         let covered = self.covered(rows, x);
         let light = if covered > 0.0 { self.virtual_light_at(x, y, virtual_light) } else { None };
@@ -169,7 +170,7 @@ impl Composer<'_> {
         let real = if covered < 1.0 { self.real_light(rows, x, y, linear) } else { linear };
         let mut out = [0; 3];
         for c in 0..3 {
-            out[c] = SRGB.encode(real[c] + covered * (light[c] - real[c]));
+            out[c] = self.encoder.encode(real[c] + covered * (light[c] - real[c]));
         }
         out
     }

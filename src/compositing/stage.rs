@@ -1,5 +1,6 @@
 //! The Rendering stage: what goes in, and the order of its passes.
 
+use super::encode::SRGB;
 use super::filter_gauss::BicubicGauss;
 use super::grid::{Lamp, REAL, ShadingGrid, VirtualShading};
 use super::pixels::Composer;
@@ -11,7 +12,7 @@ use crate::capture::RgbdFrame;
 use crate::geometry::GBuffer;
 use crate::image::Image;
 use crate::lighting::ShLight;
-use crate::math::color::luminance;
+use crate::math::color::{LINEAR_FROM_SRGB8, luminance};
 use crate::transfer::{IndirectMap, TransferMap};
 
 /// One frame with everything that is known about it. All images have the camera's size, all maps
@@ -157,6 +158,8 @@ impl CompositingStage {
             layout: self.grid.layout,
             shading: if self.grid.step == 1 { &self.smoothed } else { &self.full },
             virtual_shading: self.virtual_shading(input),
+            encoder: &SRGB,
+            decoder: &LINEAR_FROM_SRGB8,
             exposure: match self.params.compositor {
                 Compositor::Ratio => 1.0,
                 Compositor::Difference => self.params.key / self.log_mean_of_real(),

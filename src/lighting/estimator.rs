@@ -14,7 +14,7 @@ use crate::transfer::TransferMap;
 const SAMPLES_PER_COEFFICIENT: usize = 4;
 
 /// Rounds of re-weighting. The weights of an L1-like loss settle within a few.
-const HUBER_ROUNDS: usize = 3;
+const HUBER_ROUNDS: usize = 2;
 
 /// Weight of the past against the present when the two are compared.
 const PAST_DOMINANCE: f64 = 10.0;
@@ -25,8 +25,6 @@ const QUIET_RESIDUAL: f64 = 0.02;
 /// Why a frame brought no new light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Rejection {
-    #[error("no frame has been seen yet")]
-    NothingSeen,
     #[error("too few pixels show a surface")]
     NoSurface,
     #[error("too few pixels are bright enough")]
@@ -231,7 +229,6 @@ impl LightEstimator {
             Some(last) => last.clone(),
             None => neutral(view, bands),
         };
-        // A rig that no frame has confirmed stays marked by the reason of the newest frame.
         kept.rejection = Some(rejection);
         kept.age_frames += 1;
         kept.changed = false;
@@ -291,7 +288,8 @@ fn deviation(solution: &Solution, light: &ShLight, residual: &Residual, rank: us
         .collect()
 }
 
-/// A grey room before anything has been seen: a surface facing the light shows middle grey.
+/// A grey room before anything has been seen: a surface facing the light shows middle grey. The
+/// caller says why it is needed.
 fn neutral(view: &View, bands: usize) -> LightEstimate {
     const AMBIENT: f32 = 0.12;
     const FROM_ABOVE: f32 = 0.06;
@@ -314,7 +312,7 @@ fn neutral(view: &View, bands: usize) -> LightEstimate {
         residual: 0.0,
         deviation: vec![AMBIENT / y00; sh::coefficients(bands)],
         pixels: 0,
-        rejection: Some(Rejection::NothingSeen),
+        rejection: None,
         age_frames: 0,
         changed: false,
     }

@@ -56,11 +56,9 @@ pub struct LightParams {
     pub channels: LightChannels,
     /// Tikhonov weight relative to the mean eigenvalue (trace / n) of the normal equations.
     pub tikhonov: f64,
-    /// The penalty of band l is multiplied by (l (l + 1))^band_power; 0 treats all bands alike.
+    /// The penalty of band l is multiplied by (l (l + 1) / 2)^band_power; 0 treats all bands alike.
+    /// Bands 0 and 1 have the same.
     pub band_power: f64,
-    /// The ambient part is pulled towards the light that explains the image best when it comes from
-    /// everywhere alike, instead of towards darkness.
-    pub toward_ambient: bool,
     /// Huber threshold in robust standard deviations of the residual; 0 is plain least squares.
     pub huber: f32,
     /// Share of the accumulated normal equations that is kept from one frame to the next.
@@ -82,9 +80,8 @@ impl Default for LightParams {
     fn default() -> Self {
         Self {
             channels: LightChannels::default(),
-            tikhonov: 0.1,
-            band_power: 0.0,
-            toward_ambient: true,
+            tikhonov: 0.3,
+            band_power: 0.5,
             huber: 1.345,
             memory: 0.9,
             change_factor: 1.5,

@@ -8,32 +8,26 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 /// in f32 over short chunks.
 const RANK_TOLERANCE: f64 = 1e-7;
 
-/// Least squares with a quadratic penalty: (N + P) l = b + P l0, with P diagonal.
+/// Least squares with a quadratic penalty, (N + P) l = b with diagonal P: every coefficient is
+/// believed to be small, the more so in high bands.
+///
+/// Measured on a path-traced table under one lamp (exact depth; mean over six views of the angle
+/// between estimated and true dominant direction): no prior 83 degrees, P = 0.1 of the mean
+/// eigenvalue 30, 0.3 20, 1 18, and 0.3 with weights growing with the band 17. Pulling the mean
+/// level towards the ambient light that explains the image best, instead of towards 0, gives 48:
+/// what the mean level takes, the direction lacks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
     /// Diagonal of P, in units of the normal equations.
-    pub precision: Vec<f64>,
-    /// l0, per channel.
-    pub mean: Vec<Vec<f64>>,
+    precision: Vec<f64>,
 }
 
 impl Prior {
-    /// What is believed before the image is seen: every coefficient is small, the more so in high
-    /// bands, and the mean level is what explains the image best without any direction.
     pub fn new(equations: &NormalEquations, params: &LightParams) -> Self {
-        let n = equations.n;
         let unit = params.tikhonov * equations.mean_eigenvalue();
-        let relative_to_band_1 =
-            |l: usize| ((l * (l + 1)).max(2) as f64 / 2.0).powf(params.band_power);
-        let precision = (0..n).map(|i: usize| unit * relative_to_band_1(i.isqrt())).collect();
-        let mean = |rhs: &Vec<f64>| {
-            let mut mean = vec![0.0; n];
-            if params.toward_ambient && equations.gram[0] > 0.0 {
-                mean[0] = rhs[0] / equations.gram[0];
-            }
-            mean
-        };
-        Self { precision, mean: equations.rhs.iter().map(mean).collect() }
+        // Relative to band 1; the mean level is penalised like band 1.
+        let weight = |l: usize| ((l * (l + 1)).max(2) as f64 / 2.0).powf(params.band_power);
+        Self { precision: (0..equations.n).map(|i| unit * weight(i.isqrt())).collect() }
     }
 }
 
@@ -62,12 +56,7 @@ pub fn solve(equations: &NormalEquations, prior: &Prior) -> Solution {
     for i in 0..n {
         matrix[(i, i)] += prior.precision[i];
     }
-    let rhs: Vec<_> = equations
-        .rhs
-        .iter()
-        .zip(&prior.mean)
-        .map(|(b, mean)| DVector::from_fn(n, |i, _| b[i] + prior.precision[i] * mean[i]))
-        .collect();
+    let rhs: Vec<_> = equations.rhs.iter().map(|b| DVector::from_column_slice(b)).collect();
     by_cholesky(&matrix, &rhs).unwrap_or_else(|| by_eigenvectors(matrix, &rhs))
 }
 
@@ -132,7 +121,7 @@ mod tests {
     }
 
     fn no_prior(n: usize) -> Prior {
-        Prior { precision: vec![0.0; n], mean: vec![vec![0.0; n]] }
+        Prior { precision: vec![0.0; n] }
     }
 
     #[test]
@@ -160,11 +149,17 @@ mod tests {
     }
 
     #[test]
-    fn an_overwhelming_prior_wins() {
-        let prior = Prior { precision: vec![1e9; 2], mean: vec![vec![3.0, -1.0]] };
-        let found = solve(&equations(&[4.0, 2.0, 2.0, 3.0], &[2.0, 5.0]), &prior);
-        // the data pull by about their size over the precision
-        assert!((found.light[0][0] - 3.0).abs() < 1e-7 && (found.light[0][1] + 1.0).abs() < 1e-7);
+    fn prior_shrinks_by_its_share_and_grows_with_the_band() {
+        let mut gram = [0.0; 81];
+        (0..9).for_each(|i| gram[i * 10] = 2.0);
+        let equations = equations(&gram, &[1.0; 9]);
+        let params = LightParams { tikhonov: 0.5, band_power: 2.0, ..LightParams::default() };
+        let found = solve(&equations, &Prior::new(&equations, &params));
+        // the mean eigenvalue is 2: penalties are 1 in bands 0 and 1, (6 / 2)^2 in band 2
+        for (i, l) in found.light[0].iter().enumerate() {
+            let expected = if i < 4 { 1.0 / 3.0 } else { 1.0 / 11.0 };
+            assert!((l - expected).abs() < 1e-14, "{i}: {l}");
+        }
     }
 
     #[test]

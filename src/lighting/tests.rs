@@ -190,19 +190,19 @@ fn few_normals_stay_within_the_bound_of_the_prior() {
         let case = case(SIZE, 4, &truth, normal);
         let found = case.estimate(&params);
         assert_finite(&found);
-        // The minimum is no higher than the prior mean's value of the cost function, so
-        // lambda |l - l0|^2 <= sum (I - T l0)^2 <= sum I^2, with lambda = tikhonov sum |T|^2 / n.
+        // The minimum is no higher than the cost of l = 0, so lambda |l|^2 <= sum I^2, with
+        // lambda = tikhonov sum |T|^2 / n.
         let seen: f64 = case.frame.color.as_slice().iter().map(|c| f64::from(c[0]).powi(2)).sum();
         let t: f64 = case.transfer.coefficients.iter().map(|t| f64::from(*t).powi(2)).sum();
         let bound = (seen * 16.0 / (params.tikhonov * t)).sqrt();
         let size =
             found.light.luminance().iter().map(|l| f64::from(*l).powi(2)).sum::<f64>().sqrt();
-        // |l0| itself is at most what makes the ambient shading as bright as the image.
-        assert!(size < bound + 4.0, "{number}: {size} against {bound}");
+        assert!(size < bound, "{number}: {size} against {bound}");
         assert!(found.residual < 0.1, "{number}: {}", found.residual);
         if number == 2 {
-            // measured: 21 degrees. Half of the normals are never seen, and the prior pulls.
-            assert!(angle_deg(&found.light, &truth) < 25.0, "{}", angle_deg(&found.light, &truth));
+            // measured: 28 degrees. Half of the normals are never seen, so the prior turns
+            // the light towards the mean normal.
+            assert!(angle_deg(&found.light, &truth) < 32.0, "{}", angle_deg(&found.light, &truth));
         }
     }
 }
@@ -320,14 +320,17 @@ fn a_lamp_switched_on_shows_within_two_frames() {
 fn a_single_bad_picture_leaves_no_trace() {
     let good = case(SIZE, 4, &light(4, LAMP, WHITE), seen_normals);
     let glitch = good.clone().painted(|k| if k % SIZE.width < 30 { 1.6 } else { 0.3 });
-    let mut estimator = LightEstimator::new(&every_pixel());
-    let before = (0..5).map(|_| good.estimated_by(&mut estimator)).last().unwrap();
+    let (mut estimator, mut control) =
+        (LightEstimator::new(&every_pixel()), LightEstimator::new(&every_pixel()));
+    for _ in 0..5 {
+        good.estimated_by(&mut estimator);
+        good.estimated_by(&mut control);
+    }
     let during = glitch.estimated_by(&mut estimator);
-    assert_eq!(during.light, before.light);
+    assert_eq!(during.rejection, Some(Rejection::Unconfirmed));
     let after = good.estimated_by(&mut estimator);
     assert!(after.valid() && !after.changed);
-    // the sums went on from where they were, as if the picture had not been
-    assert!(largest_difference(&after.light, &before.light) < 1e-5);
+    assert_eq!(after.light, good.estimated_by(&mut control).light);
 }
 
 #[test]
