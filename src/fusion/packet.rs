@@ -13,9 +13,11 @@ type Mask = [u32; LANES];
 
 /// Shortest step, voxels: half a voxel looks at every cell about twice.
 const MIN_STEP: f32 = 0.5;
-/// Share of the distance to the surface that a step covers. Projective distances are longer than
+/// Share of the distance to the surface that a step covers: projective distances are longer than
 /// true ones on slanted surfaces.
 const STEP_SHARE: f32 = 0.8;
+/// Voxels more, so that a near surface is passed and bracketed at once.
+const STEP_BEYOND: f32 = 0.25;
 /// The stored voxel looked at instead of the trilinear value lies within a voxel's diagonal.
 const DIAGONAL: f32 = 1.75;
 /// A crossing is refined until its distance is below this, voxels, or for `REFINEMENTS` steps.
@@ -88,9 +90,9 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
         per_voxel[i] = 1.0 / (x * x + y * y + z * z).sqrt();
         open[i] = (packet.near[i] <= packet.far[i]) as u32;
     }
+    let (mut found, mut a, mut b) = ([0; LANES], t, t);
     // `at_a` is not positive: no sample in front yet
-    let mut out =
-        Brackets { found: [0; LANES], a: t, at_a: [-1.0; LANES], b: t, at_b: [0.0; LANES] };
+    let (mut at_a, mut at_b) = ([-1.0; LANES], [0.0; LANES]);
     while any(&open) {
         let point = points(field, packet, &t);
         let voxel = [rounded(&point[0]), rounded(&point[1]), rounded(&point[2])];
@@ -107,8 +109,8 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
             step[i] = if far != 0 { distance - DIAGONAL } else { MIN_STEP };
             let front = if far != 0 { distance } else { -1.0 };
             let skip = open[i] & (1 - close[i]);
-            out.at_a[i] = if skip != 0 { front } else { out.at_a[i] };
-            out.a[i] = if skip != 0 { t[i] } else { out.a[i] };
+            at_a[i] = if skip != 0 { front } else { at_a[i] };
+            a[i] = if skip != 0 { t[i] } else { a[i] };
         }
         if any(&close) {
             let value = trilinear(field, &point);
@@ -116,16 +118,16 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
                 let distance = value[i]; // NaN where unseen
                 let front = (distance > 0.0) as u32;
                 let behind = (distance <= 0.0) as u32;
-                let hit = close[i] & behind & (out.at_a[i] > 0.0) as u32;
-                out.found[i] |= hit;
-                out.b[i] = if hit != 0 { t[i] } else { out.b[i] };
-                out.at_b[i] = if hit != 0 { distance } else { out.at_b[i] };
+                let hit = close[i] & behind & (at_a[i] > 0.0) as u32;
+                found[i] |= hit;
+                b[i] = if hit != 0 { t[i] } else { b[i] };
+                at_b[i] = if hit != 0 { distance } else { at_b[i] };
                 open[i] &= 1 - hit;
                 let take = close[i] & (1 - hit);
                 let at = if front != 0 { distance } else { -1.0 };
-                out.a[i] = if take != 0 { t[i] } else { out.a[i] };
-                out.at_a[i] = if take != 0 { at } else { out.at_a[i] };
-                let further = (distance.abs() * STEP_SHARE).max(MIN_STEP); // NaN: the least
+                a[i] = if take != 0 { t[i] } else { a[i] };
+                at_a[i] = if take != 0 { at } else { at_a[i] };
+                let further = (distance.abs() * STEP_SHARE + STEP_BEYOND).max(MIN_STEP); // NaN: the least
                 step[i] = if close[i] != 0 { further } else { step[i] };
             }
         }
@@ -145,7 +147,7 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
             open[i] &= (t[i] <= packet.far[i]) as u32;
         }
     }
-    out
+    Brackets { found, a, at_a, b, at_b }
 }
 
 #[inline(always)]
