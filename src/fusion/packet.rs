@@ -142,8 +142,8 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
                 next[i] = if empty[i] != 0 { skip } else { next[i] };
             }
         }
+        t = next;
         for i in 0..LANES {
-            t[i] = next[i];
             open[i] &= (t[i] <= packet.far[i]) as u32;
         }
     }
@@ -287,7 +287,7 @@ fn refine(field: &Field<'_>, packet: &Packet, brackets: Brackets) -> Lanes {
         let value = trilinear(field, &points(field, packet, &t));
         for i in 0..LANES {
             let v = value[i];
-            let known = (v == v) as u32; // not NaN
+            let known = !v.is_nan() as u32;
             found[i] &= known | (1 - open[i]);
             open[i] &= known & (v.abs() >= CLOSE) as u32;
             let front = v > 0.0;
