@@ -88,7 +88,8 @@ impl TsdfVolume {
             // block coordinates: block b holds voxel coordinates 8 b - 1/2 to 8 b + 15/2
             let a = (origin + direction * near + 0.5) / SIDE as f32;
             let b = (origin + direction * far + 0.5) / SIDE as f32;
-            if !(a.abs().max(b.abs()).max_element() < FAR_AWAY) {
+            let reach = a.abs().max(b.abs()).max_element();
+            if reach.is_nan() || reach > FAR_AWAY {
                 continue;
             }
             let ends = (a.floor().as_ivec3(), b.floor().as_ivec3());

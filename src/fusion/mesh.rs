@@ -215,10 +215,8 @@ fn drop_unused(mesh: &mut TriangleMesh) {
     keep(&mut mesh.positions, |at| used(at, &number));
     keep(&mut mesh.normals, |at| used(at, &number));
     keep(&mut mesh.colors, |at| used(at, &number));
-    let mut next = 0;
-    for n in number.iter_mut().filter(|n| **n == 0) {
+    for (next, n) in (0..).zip(number.iter_mut().filter(|n| **n == 0)) {
         *n = next;
-        next += 1;
     }
     mesh.triangles.iter_mut().flatten().for_each(|v| *v = number[*v as usize]);
 }

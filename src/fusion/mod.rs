@@ -11,6 +11,7 @@ mod integrate;
 mod marching_cubes;
 mod mesh;
 mod packet;
+mod packet_normals;
 mod placement;
 mod raycast;
 mod rays;

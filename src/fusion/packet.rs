@@ -2,20 +2,22 @@
 //! not taken.
 
 use super::block::{Block, EMPTY, ONE, SIDE, UNSEEN};
+use super::packet_normals::normals;
 use super::sample::Sampler;
-use glam::Vec3;
 
 pub(super) const LANES: usize = 16;
 pub(super) type Lanes = [f32; LANES];
-type Ints = [i32; LANES];
+pub(super) type Ints = [i32; LANES];
 /// 1 or 0 a lane: wide as the values, so that selections vectorise.
-type Mask = [u32; LANES];
+pub(super) type Mask = [u32; LANES];
 
 /// Shortest step, voxels: half a voxel looks at every cell about twice.
 const MIN_STEP: f32 = 0.5;
-/// Share of the distance to the surface that a step covers. Projective distances are longer than
+/// Share of the distance to the surface that a step covers: projective distances are longer than
 /// true ones on slanted surfaces.
 const STEP_SHARE: f32 = 0.8;
+/// Voxels more, so that a near surface is passed and bracketed at once.
+const STEP_BEYOND: f32 = 0.25;
 /// The stored voxel looked at instead of the trilinear value lies within a voxel's diagonal.
 const DIAGONAL: f32 = 1.75;
 /// A crossing is refined until its distance is below this, voxels, or for `REFINEMENTS` steps.
@@ -88,9 +90,9 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
         per_voxel[i] = 1.0 / (x * x + y * y + z * z).sqrt();
         open[i] = (packet.near[i] <= packet.far[i]) as u32;
     }
+    let (mut found, mut a, mut b) = ([0; LANES], t, t);
     // `at_a` is not positive: no sample in front yet
-    let mut out =
-        Brackets { found: [0; LANES], a: t, at_a: [-1.0; LANES], b: t, at_b: [0.0; LANES] };
+    let (mut at_a, mut at_b) = ([-1.0; LANES], [0.0; LANES]);
     while any(&open) {
         let point = points(field, packet, &t);
         let voxel = [rounded(&point[0]), rounded(&point[1]), rounded(&point[2])];
@@ -107,8 +109,8 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
             step[i] = if far != 0 { distance - DIAGONAL } else { MIN_STEP };
             let front = if far != 0 { distance } else { -1.0 };
             let skip = open[i] & (1 - close[i]);
-            out.at_a[i] = if skip != 0 { front } else { out.at_a[i] };
-            out.a[i] = if skip != 0 { t[i] } else { out.a[i] };
+            at_a[i] = if skip != 0 { front } else { at_a[i] };
+            a[i] = if skip != 0 { t[i] } else { a[i] };
         }
         if any(&close) {
             let value = trilinear(field, &point);
@@ -116,16 +118,16 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
                 let distance = value[i]; // NaN where unseen
                 let front = (distance > 0.0) as u32;
                 let behind = (distance <= 0.0) as u32;
-                let hit = close[i] & behind & (out.at_a[i] > 0.0) as u32;
-                out.found[i] |= hit;
-                out.b[i] = if hit != 0 { t[i] } else { out.b[i] };
-                out.at_b[i] = if hit != 0 { distance } else { out.at_b[i] };
+                let hit = close[i] & behind & (at_a[i] > 0.0) as u32;
+                found[i] |= hit;
+                b[i] = if hit != 0 { t[i] } else { b[i] };
+                at_b[i] = if hit != 0 { distance } else { at_b[i] };
                 open[i] &= 1 - hit;
                 let take = close[i] & (1 - hit);
                 let at = if front != 0 { distance } else { -1.0 };
-                out.a[i] = if take != 0 { t[i] } else { out.a[i] };
-                out.at_a[i] = if take != 0 { at } else { out.at_a[i] };
-                let further = (distance.abs() * STEP_SHARE).max(MIN_STEP); // NaN: the least
+                a[i] = if take != 0 { t[i] } else { a[i] };
+                at_a[i] = if take != 0 { at } else { at_a[i] };
+                let further = (distance.abs() * STEP_SHARE + STEP_BEYOND).max(MIN_STEP); // NaN: the least
                 step[i] = if close[i] != 0 { further } else { step[i] };
             }
         }
@@ -140,12 +142,12 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
                 next[i] = if empty[i] != 0 { skip } else { next[i] };
             }
         }
+        t = next;
         for i in 0..LANES {
-            t[i] = next[i];
             open[i] &= (t[i] <= packet.far[i]) as u32;
         }
     }
-    out
+    Brackets { found, a, at_a, b, at_b }
 }
 
 #[inline(always)]
@@ -155,7 +157,7 @@ fn any(mask: &Mask) -> bool {
 
 /// Points at depths along the rays, kept in the volume.
 #[inline(always)]
-fn points(field: &Field<'_>, packet: &Packet, t: &Lanes) -> [Lanes; 3] {
+pub(super) fn points(field: &Field<'_>, packet: &Packet, t: &Lanes) -> [Lanes; 3] {
     let mut out = [[0.0; LANES]; 3];
     for axis in 0..3 {
         for i in 0..LANES {
@@ -185,7 +187,7 @@ fn rounded(p: &Lanes) -> Ints {
 
 /// Stored distances and slots of voxels, which must lie in the volume.
 #[inline(always)]
-fn stored_at(field: &Field<'_>, [x, y, z]: &[Ints; 3]) -> (Ints, Ints) {
+pub(super) fn stored_at(field: &Field<'_>, [x, y, z]: &[Ints; 3]) -> (Ints, Ints) {
     let (mut index, mut local) = ([0; LANES], [0; LANES]);
     for i in 0..LANES {
         index[i] = ((z[i] >> 3) * field.grid + (y[i] >> 3)) * field.grid + (x[i] >> 3);
@@ -235,7 +237,7 @@ fn trilinear(field: &Field<'_>, point: &[Lanes; 3]) -> Lanes {
 
 /// Lowest corners of the cells around points, and the places within, from 0 to 1.
 #[inline(always)]
-fn cells(field: &Field<'_>, point: &[Lanes; 3]) -> ([Ints; 3], [Lanes; 3]) {
+pub(super) fn cells(field: &Field<'_>, point: &[Lanes; 3]) -> ([Ints; 3], [Lanes; 3]) {
     let (mut base, mut fraction) = ([[0; LANES]; 3], [[0.0; LANES]; 3]);
     for axis in 0..3 {
         let corner = truncated(&point[axis]);
@@ -248,7 +250,7 @@ fn cells(field: &Field<'_>, point: &[Lanes; 3]) -> ([Ints; 3], [Lanes; 3]) {
 }
 
 #[inline(always)]
-fn offset(base: &[Ints; 3], by: [usize; 3]) -> [Ints; 3] {
+pub(super) fn offset(base: &[Ints; 3], by: [usize; 3]) -> [Ints; 3] {
     let mut out = *base;
     for axis in 0..3 {
         out[axis].iter_mut().for_each(|v| *v += by[axis] as i32);
@@ -285,7 +287,7 @@ fn refine(field: &Field<'_>, packet: &Packet, brackets: Brackets) -> Lanes {
         let value = trilinear(field, &points(field, packet, &t));
         for i in 0..LANES {
             let v = value[i];
-            let known = (v == v) as u32; // not NaN
+            let known = !v.is_nan() as u32;
             found[i] &= known | (1 - open[i]);
             open[i] &= known & (v.abs() >= CLOSE) as u32;
             let front = v > 0.0;
@@ -303,83 +305,6 @@ fn refine(field: &Field<'_>, packet: &Packet, brackets: Brackets) -> Lanes {
         t[i] = if found[i] != 0 { t[i] } else { 0.0 };
     }
     t
-}
-
-/// Interpolated central differences; lanes whose surroundings were not all seen are left to the
-/// sampler, which has more ways. A depth without a normal is dropped.
-#[inline(always)]
-fn normals(field: &Field<'_>, packet: &Packet, depth_m: Lanes) -> Hits {
-    let point = points(field, packet, &depth_m);
-    let (mut normal, mut good) = central_gradient(field, &point);
-    for i in 0..LANES {
-        let [x, y, z] = [normal[0][i], normal[1][i], normal[2][i]];
-        let [dx, dy, dz] = [packet.direction[0][i], packet.direction[1][i], packet.direction[2][i]];
-        let square = x * x + y * y + z * z;
-        // against the ray, and so not zero either
-        good[i] &= (x * dx + y * dy + z * dz < 0.0) as u32;
-        let seen = depth_m[i] > 0.0;
-        let scale = if seen { 1.0 / square.sqrt() } else { 0.0 };
-        normal[0][i] = if seen { x * scale } else { 0.0 };
-        normal[1][i] = if seen { y * scale } else { 0.0 };
-        normal[2][i] = if seen { z * scale } else { 0.0 };
-        good[i] |= !seen as u32;
-    }
-    let mut hits = Hits { depth_m, normal };
-    for i in (0..LANES).filter(|&i| good[i] == 0) {
-        let of = |v: &[Lanes; 3]| Vec3::new(v[0][i], v[1][i], v[2][i]);
-        let normal = field.sampler.normal(of(&point), of(&packet.direction));
-        hits.depth_m[i] = if normal.is_some() { depth_m[i] } else { 0.0 };
-        let normal = normal.unwrap_or_default();
-        for axis in 0..3 {
-            hits.normal[axis][i] = normal[axis];
-        }
-    }
-    hits
-}
-
-/// Central differences at the eight corners around a point, interpolated: a weighted sum of the
-/// 32 voxels of 4x4x4 that a difference reads. The mask tells where all were seen.
-#[inline(always)]
-fn central_gradient(field: &Field<'_>, point: &[Lanes; 3]) -> ([Lanes; 3], Mask) {
-    let (base, fraction) = cells(field, point);
-    let last = field.last as i32;
-    let (mut whole, mut first) = ([1; LANES], base);
-    // Weights of the four samples along an axis: of the value between the middle two, and of the
-    // difference of their neighbours.
-    let (mut value, mut slope) = ([[[0.0; LANES]; 4]; 3], [[[0.0; LANES]; 4]; 3]);
-    for axis in 0..3 {
-        for i in 0..LANES {
-            whole[i] &= ((base[axis][i] >= 1) & (base[axis][i] + 2 <= last)) as u32;
-            first[axis][i] = (base[axis][i] - 1).max(0).min(last - 3);
-            let f = fraction[axis][i];
-            (value[axis][1][i], value[axis][2][i]) = (1.0 - f, f);
-            (slope[axis][0][i], slope[axis][1][i]) = (f - 1.0, -f);
-            (slope[axis][2][i], slope[axis][3][i]) = (1.0 - f, f);
-        }
-    }
-    let mut gradient = [[0.0; LANES]; 3];
-    for k in 0..64 {
-        let at = [k & 3, k >> 2 & 3, k >> 4];
-        let outer = [0, 1, 2].map(|axis| at[axis] == 0 || at[axis] == 3);
-        if u8::from(outer[0]) + u8::from(outer[1]) + u8::from(outer[2]) > 1 {
-            continue;
-        }
-        let (stored, _) = stored_at(field, &offset(&first, at));
-        for i in 0..LANES {
-            whole[i] &= (stored[i] != i32::from(UNSEEN)) as u32;
-        }
-        for axis in 0..3 {
-            let (p, q) = ((axis + 1) % 3, (axis + 2) % 3);
-            if outer[p] || outer[q] {
-                continue;
-            }
-            let (along, wp, wq) = (&slope[axis][at[axis]], &value[p][at[p]], &value[q][at[q]]);
-            for i in 0..LANES {
-                gradient[axis][i] += along[i] * wp[i] * wq[i] * stored[i] as f32;
-            }
-        }
-    }
-    (gradient, whole)
 }
 
 impl<'a> Field<'a> {

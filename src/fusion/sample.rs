@@ -80,12 +80,6 @@ impl<'a> Sampler<'a> {
         })
     }
 
-    /// Trilinear distance in truncation lengths.
-    #[inline]
-    pub fn value(&self, point: Vec3) -> Option<f32> {
-        self.cell(point).map(|cell| cell.value())
-    }
-
     /// Outward unit normal: central differences over two voxels, interpolated; where their
     /// surroundings were not seen, the gradient of the cell itself. It faces against `direction`.
     pub fn normal(&self, point: Vec3, direction: Vec3) -> Option<Vec3> {
@@ -182,14 +176,6 @@ pub(super) fn local(voxel: IVec3) -> usize {
 }
 
 impl Cell {
-    #[inline(always)]
-    pub fn value(&self) -> f32 {
-        let (c, f) = (&self.corners, self.fraction);
-        let x = |i: usize| c[i] + (c[i + 1] - c[i]) * f.x;
-        let (y0, y1) = (x(0) + (x(2) - x(0)) * f.y, x(4) + (x(6) - x(4)) * f.y);
-        y0 + (y1 - y0) * f.z
-    }
-
     /// Derivative of the trilinear value per voxel.
     pub fn gradient(&self) -> Vec3 {
         let (c, f) = (&self.corners, self.fraction);

@@ -20,7 +20,7 @@ fn time(name: &str, repeats: usize, mut work: impl FnMut()) {
 #[ignore = "prints times"]
 fn time_fusion_640x480() {
     let scene = AnalyticScene::corner();
-    for resolution in [256] {
+    for resolution in [64, 128, 256, 512] {
         let mut volume = volume(resolution);
         integrate_arc(&mut volume, &scene, (640, 480), 12);
         println!(
@@ -32,7 +32,7 @@ fn time_fusion_640x480() {
         let frame = render(&scene, &view);
         time("integrate", 15, || volume.integrate(&frame, &view).unwrap());
         let mut out = GBuffer::empty(view);
-        time("raycast 640x480", 60, || volume.raycast(&view, &mut out));
+        time("raycast 640x480", 15, || volume.raycast(&view, &mut out));
         let params = SurfaceParams { refresh_per_frame: 0, ..SurfaceParams::default() };
         let mut stage = SurfaceStage::new(&volume, view, &params);
         stage.update(&volume, view, Some(Vec3::new(0.2, -0.3, 0.9)));
