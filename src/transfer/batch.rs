@@ -1,7 +1,7 @@
 //! Sixteen surface points of the grid at a time, and the visibility of their samples.
 
 use super::directions::{DirectionSet, LANES};
-use super::occluder::{Occluder, Samples};
+use super::occluder::{NOT_HIDDEN, Occluder, Samples};
 use crate::geometry::GBuffer;
 use crate::math::View;
 use glam::{Mat3, Vec2};
@@ -125,9 +125,6 @@ pub(super) struct Scratch {
     /// Which surface that was; filled where asked for.
     pub hit: Vec<[u32; LANES]>,
 }
-
-/// No surface hides the sample.
-const NOT_HIDDEN: f32 = -2.0;
 
 impl Scratch {
     pub fn reserve(&mut self, directions: usize, track: bool) {
