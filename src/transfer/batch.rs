@@ -1,8 +1,9 @@
 //! Sixteen surface points of the grid at a time, and the visibility of their samples.
 
 use super::directions::{DirectionSet, LANES};
-use super::occluder::{Occluder, Samples};
+use super::occluder::{NOT_HIDDEN, Occluder, Samples};
 use crate::geometry::GBuffer;
+use crate::image::Size;
 use crate::math::View;
 use glam::{Mat3, Vec2};
 
@@ -15,18 +16,23 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    pub fn new(image: crate::image::Size, step: usize) -> Self {
+    pub fn new(image: Size, step: usize) -> Self {
         Self { step, width: image.width.div_ceil(step), height: image.height.div_ceil(step) }
     }
 
-    pub fn size(&self) -> crate::image::Size {
-        crate::image::Size::new(self.width, self.height)
+    pub fn size(&self) -> Size {
+        Size::new(self.width, self.height)
     }
 
     /// The pixel that a grid index stands at, in an image of `length` pixels along this axis.
     pub fn pixel(&self, index: usize, length: usize) -> usize {
-        (index * self.step + self.step / 2).min(length - 1)
+        grid_pixel(self.step, index, length)
     }
+}
+
+/// Grid points stand in the middle of their step, clamped to the image.
+pub(super) fn grid_pixel(step: usize, index: usize, length: usize) -> usize {
+    (index * step + step / 2).min(length.saturating_sub(1))
 }
 
 /// How pixels of the main buffer become points.
@@ -125,9 +131,6 @@ pub(super) struct Scratch {
     /// Which surface that was; filled where asked for.
     pub hit: Vec<[u32; LANES]>,
 }
-
-/// No surface hides the sample.
-const NOT_HIDDEN: f32 = -2.0;
 
 impl Scratch {
     pub fn reserve(&mut self, directions: usize, track: bool) {

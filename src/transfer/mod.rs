@@ -1,9 +1,27 @@
 //! Radiance transfer in image space: SSDO visibility projected into spherical harmonics
 //! (Gruber et al. 2015, Sec. 5.1 and 5.3).
+//!
+//! For a surface point x with normal n, each direction w_j with n.w_j > 0 has a sample y_j = x + r_j w_j.
+//! It is looked up in every geometry buffer; where it lies behind the surface s_j seen there, w_j
+//! is hidden by as much as s_j fits the direction (K, Eq. 8; the least K of all buffers counts).
+//! With c_j = max(0, n.w_j), the transfer is
+//!
+//! ```text
+//! T = T_unoccluded(n) - sum_j (1 - K_j) c_j Y(w_j) / sum_j c_j
+//! ```
+//!
+//! and not sum_j K_j c_j Y(w_j) dw / pi (Eq. 6). Both have the same limit, but here the finite set
+//! of directions (error of a lobe: 2.6 % for N = 32, 10 % for 16) enters with what is hidden alone: open
+//! surfaces are exact, and dividing by sum c_j, which stands for pi / dw, keeps the shading in a white
+//! furnace within [0, 1].
+//!
+//! Decisions beyond the paper: "closer than x" compares s_j with y_j, as its Figure 5 does; a surface
+//! below the horizon of x hides nothing; depth is taken where a pixel's plane is farthest
+//! inside the pixel, so that planes never hide themselves; x is lifted by the bias.
 
 use crate::image::Size;
 use crate::math::sh::{MAX_BANDS, coefficients};
-use batch::Grid;
+use batch::{Grid, grid_pixel};
 
 mod batch;
 mod bounce;
@@ -68,12 +86,12 @@ pub struct TransferParams {
     pub samples: usize,
     /// Samples lie at up to this distance from the surface.
     pub radius_m: f32,
-    /// Transfer is computed on every n-th pixel in x and y (1, 2, 4, 8).
+    /// Transfer is computed on every n-th pixel in x and y, 1 to 64.
     pub subsampling: usize,
     pub chi: ChiReading,
-    /// Samples must lie this far behind a surface to count as hidden.
+    /// Points are lifted by this, and samples must lie this far behind a surface to count as hidden.
     pub bias_m: f32,
-    /// Distances are jittered over tiles of n x n pixels.
+    /// Distances are jittered over tiles of n x n grid points.
     pub jitter_tile: usize,
     pub seed: u32,
 }
@@ -190,7 +208,7 @@ impl TransferMap {
 
     /// The pixel of a grid point in an image of this size.
     pub fn pixel(&self, i: usize, j: usize, image: Size) -> (usize, usize) {
-        grid_pixel(self.step, i, j, image)
+        (grid_pixel(self.step, i, image.width), grid_pixel(self.step, j, image.height))
     }
 
     fn reshape(&mut self, bands: usize, grid: &Grid) {
@@ -220,16 +238,11 @@ impl IndirectMap {
 
     /// The pixel of a grid point in an image of this size.
     pub fn pixel(&self, i: usize, j: usize, image: Size) -> (usize, usize) {
-        grid_pixel(self.step, i, j, image)
+        (grid_pixel(self.step, i, image.width), grid_pixel(self.step, j, image.height))
     }
 
     fn reshape(&mut self, grid: &Grid) {
         (self.step, self.grid) = (grid.step, grid.size());
         self.rgb.resize(self.grid.pixels(), [0.0; 3]);
     }
-}
-
-fn grid_pixel(step: usize, i: usize, j: usize, image: Size) -> (usize, usize) {
-    let half = step / 2;
-    ((i * step + half).min(image.width - 1), (j * step + half).min(image.height - 1))
 }

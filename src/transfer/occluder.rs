@@ -97,69 +97,110 @@ impl Occluder {
         hit: &mut [[u32; LANES]],
         first_code: u32,
     ) {
-        let stride = (self.width + 2) as i32;
-        let (u_max, v_max) = (self.width as f32 + 1.5, self.height as f32 + 1.5);
         assert_eq!(self.hidden_beyond_m.len(), (self.width + 2) * (self.height + 2));
         assert!(best.len() >= samples.active.len());
+        assert!(!TRACK || hit.len() >= samples.active.len());
         for (k, &direction) in samples.active.iter().enumerate() {
-            let [wx, wy, wz] = self.directions[direction as usize];
+            let w = &self.directions[direction as usize];
             for sample in 0..samples.set.samples {
                 let r = samples.set.distances(direction as usize, sample, samples.i, samples.j);
-                // y = x + r w, its pixel, and the depth beyond which it is hidden there.
-                let mut index = [0i32; LANES];
-                let mut z = [0f32; LANES];
-                let mut inverse = [1f32; LANES];
-                for i in 0..LANES {
-                    let (yx, yy) = (x[0][i] + r[i] * wx, x[1][i] + r[i] * wy);
-                    z[i] = x[2][i] + r[i] * wz;
-                    if PERSPECTIVE {
-                        inverse[i] = 1.0 / z[i];
-                    }
-                    let u = yx * inverse[i] * self.scale.x + self.centre.x;
-                    let v = yy * inverse[i] * self.scale.y + self.centre.y;
-                    let (u, v) = (clamped(u, u_max), clamped(v, v_max));
-                    // SAFETY: both are finite, in [0, width + 1.5] and [0, height + 1.5]
-                    let (u, v) =
-                        unsafe { (u.to_int_unchecked::<i32>(), v.to_int_unchecked::<i32>()) };
-                    index[i] = v * stride + u;
-                }
+                let place = self.locate::<PERSPECTIVE>(x, w, r);
                 let mut limit = [0f32; LANES];
                 let mut any = 0;
                 for i in 0..LANES {
-                    // SAFETY: at most (height + 1) * (width + 2) + width + 1, inside by the assertion above
-                    limit[i] = unsafe { *self.hidden_beyond_m.get_unchecked(index[i] as usize) };
-                    any |= u32::from(z[i] > limit[i]);
+                    // SAFETY: `locate` stays inside the padded image, whose size is asserted above
+                    limit[i] =
+                        unsafe { *self.hidden_beyond_m.get_unchecked(place.index[i] as usize) };
+                    any |= u32::from(place.z[i] > limit[i]);
                 }
                 if any == 0 {
                     continue;
                 }
-                // t of Eq. 7 and its cosine with w.
+                let cosine = self.fit::<PERSPECTIVE>(x, n, w, r, &place, &limit);
+                let mut codes = if TRACK { hit[k] } else { [0; LANES] };
                 for i in 0..LANES {
-                    let depth = limit[i] - self.bias_m;
-                    let f = if PERSPECTIVE { depth * inverse[i] } else { 1.0 };
-                    let tx = (x[0][i] + r[i] * wx) * f - x[0][i];
-                    let ty = (x[1][i] + r[i] * wy) * f - x[1][i];
-                    let tz = depth - x[2][i];
-                    let length = (tx * tx + ty * ty + tz * tz).sqrt();
-                    // A surface at x itself has no direction and hides nothing: 0 / 1e-20.
-                    let cosine =
-                        (tx * wx + ty * wy + tz * wz) / if length > 1e-20 { length } else { 1e-20 };
-                    // What lies below the horizon of x cannot hide anything above it.
-                    let above = tx * n[0][i] + ty * n[1][i] + tz * n[2][i] > 0.0;
-                    let nearer = (z[i] > limit[i]) & above & (cosine > best[k][i]);
-                    best[k][i] = if nearer { cosine } else { best[k][i] };
-                    if TRACK {
-                        hit[k][i] = if nearer { first_code + index[i] as u32 } else { hit[k][i] };
-                    }
+                    let better = cosine[i] > best[k][i];
+                    best[k][i] = if better { cosine[i] } else { best[k][i] };
+                    codes[i] = if better { first_code + place.index[i] as u32 } else { codes[i] };
+                }
+                if TRACK {
+                    hit[k] = codes;
                 }
             }
         }
+    }
+
+    /// Projects the samples y = x + r w.
+    #[inline(always)]
+    fn locate<const PERSPECTIVE: bool>(
+        &self,
+        x: &[[f32; LANES]; 3],
+        w: &[f32; 3],
+        r: &[f32; LANES],
+    ) -> Place {
+        let stride = (self.width + 2) as i32;
+        let (u_max, v_max) = (self.width as f32 + 1.5, self.height as f32 + 1.5);
+        let mut place = Place { index: [0; LANES], z: [0.0; LANES], inverse: [1.0; LANES] };
+        for i in 0..LANES {
+            let (yx, yy) = (x[0][i] + r[i] * w[0], x[1][i] + r[i] * w[1]);
+            let z = x[2][i] + r[i] * w[2];
+            // At or behind the camera: never beyond a depth, wherever this projects to.
+            let inverse = if PERSPECTIVE { 1.0 / z } else { 1.0 };
+            let u = clamped(yx * inverse * self.scale.x + self.centre.x, u_max);
+            let v = clamped(yy * inverse * self.scale.y + self.centre.y, v_max);
+            // SAFETY: both are finite, in [0, width + 1.5] and [0, height + 1.5], so that the index
+            // is at most (height + 1) * (width + 2) + width + 1
+            let (u, v) = unsafe { (u.to_int_unchecked::<i32>(), v.to_int_unchecked::<i32>()) };
+            place.index[i] = v * stride + u;
+            place.z[i] = z;
+            place.inverse[i] = inverse;
+        }
+        place
+    }
+
+    /// t of Eq. 7 and its cosine with w, where the sample is hidden.
+    #[inline(always)]
+    fn fit<const PERSPECTIVE: bool>(
+        &self,
+        x: &[[f32; LANES]; 3],
+        n: &[[f32; LANES]; 3],
+        w: &[f32; 3],
+        r: &[f32; LANES],
+        place: &Place,
+        limit: &[f32; LANES],
+    ) -> [f32; LANES] {
+        let mut fit = [NOT_HIDDEN; LANES];
+        for i in 0..LANES {
+            let depth = limit[i] - self.bias_m;
+            let f = if PERSPECTIVE { depth * place.inverse[i] } else { 1.0 };
+            let tx = (x[0][i] + r[i] * w[0]) * f - x[0][i];
+            let ty = (x[1][i] + r[i] * w[1]) * f - x[1][i];
+            let tz = depth - x[2][i];
+            let length = (tx * tx + ty * ty + tz * tz).sqrt();
+            // A surface at x itself has no direction and hides nothing: 0 / 1e-20.
+            let length = if length > 1e-20 { length } else { 1e-20 };
+            let cosine = (tx * w[0] + ty * w[1] + tz * w[2]) / length;
+            // What lies below the horizon of x cannot hide anything above it.
+            let above = tx * n[0][i] + ty * n[1][i] + tz * n[2][i] > 0.0;
+            fit[i] = if (place.z[i] > limit[i]) & above { cosine } else { NOT_HIDDEN };
+        }
+        fit
     }
 
     /// Number of padded pixels.
     pub fn padded_len(&self) -> usize {
         self.hidden_beyond_m.len()
     }
+}
+
+/// Cosine of a sample that no surface hides.
+pub(super) const NOT_HIDDEN: f32 = -2.0;
+
+/// Where 16 samples lie in a view: padded pixel, depth, and 1 / depth (1 in an orthographic view).
+struct Place {
+    index: [i32; LANES],
+    z: [f32; LANES],
+    inverse: [f32; LANES],
 }
 
 /// 16 surface points and the directions to look along.
@@ -217,15 +258,15 @@ fn farthest_row(
         let across = n[0].abs() * half_pixel.x + n[1].abs() * half_pixel.y;
         let z = depth[i];
         // Plane n.p = const: inverse depth is linear in the pixel in a perspective view, depth itself
-        // in an orthographic one. Seen edge on within the pixel, it hides nothing.
-        let (along, far) = if perspective {
+        // in an orthographic one. Seen edge on within the pixel (or NaN), it hides nothing.
+        let (along, shown) = if perspective {
             let along = (n[0] * ray_x + n[1] * ray_y + n[2]).abs();
-            (along, z * along / (along - across))
+            (along, along > across)
         } else {
-            (n[2].abs(), z + across / n[2].abs())
+            (n[2].abs(), n[2].abs() > 0.0)
         };
-        let edge_on = if perspective { !(along > across) } else { !(along > 0.0) };
-        let far = if edge_on { f32::INFINITY } else { far };
+        let far = if perspective { z * along / (along - across) } else { z + across / along };
+        let far = if shown { far } else { f32::INFINITY };
         // Without a normal there is no plane to extend.
         let no_normal = (n[0] == 0.0) & (n[1] == 0.0) & (n[2] == 0.0);
         let far = if no_normal { z } else { far };
