@@ -78,6 +78,10 @@ impl Holes for Solid {
     }
 }
 
+/// Values beyond this are cut off, which keeps their sign in i32 sums with a sample's offset: the guard
+/// band limits a and b to 2^22 and offsets to 112 subpixels, so a sum stays within 1.875 * 2^30.
+const EDGE_LIMIT: i64 = 1 << 30;
+
 /// Edge function `a u + b v + c` >= 0 inside, in subpixels; exact.
 struct Edge {
     a: i32,
@@ -96,12 +100,9 @@ impl Edge {
         Self { a, b, c: if owned { c } else { c - 1 } }
     }
 
-    /// Bounded to where i32 sums with a sample's offset keep their sign: the guard band limits a and b
-    /// to 2^22 and offsets to 112 subpixels, so these sums stay below 2^30 + 0.875 * 2^30.
     #[inline(always)]
-    fn at(&self, u: i32, v: i32) -> i32 {
-        let exact = i64::from(self.a) * i64::from(u) + i64::from(self.b) * i64::from(v) + self.c;
-        exact.clamp(-(1 << 30), 1 << 30) as i32
+    fn at(&self, u: i32, v: i32) -> i64 {
+        i64::from(self.a) * i64::from(u) + i64::from(self.b) * i64::from(v) + self.c
     }
 
     #[inline(always)]
@@ -167,28 +168,35 @@ fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &im
             }
         }
         let row = (y as usize - block.rows.start) * block.columns.len();
+        let u = span.0 * SUBPIXELS;
+        let mut exact = [edges[0].at(u, v), edges[1].at(u, v), edges[2].at(u, v)];
+        let row_start =
+            a.nearness + (slope_u * (u - a.u) as f32 + slope_v * (v - a.v) as f32) * per_subpixel;
         for x in span.0..=span.1 {
-            let u = x * SUBPIXELS;
-            let e = [edges[0].at(u, v), edges[1].at(u, v), edges[2].at(u, v)];
-            let centre = a.nearness
-                + (slope_u * (u - a.u) as f32 + slope_v * (v - a.v) as f32) * per_subpixel;
+            let centre = row_start + slope_u * (x - span.0) as f32;
+            let e = exact.map(|e| e.clamp(-EDGE_LIMIT, EDGE_LIMIT) as i32);
             let at = row + (x as usize - block.columns.start);
             let (nearness, triangle) = (&mut block.nearness[at], &mut block.triangle[at]);
-            let mut wins = [false; SAMPLES];
+            let mut wins = [0u32; SAMPLES];
             let mut values = [0.0; SAMPLES];
-            let mut any = false;
+            let mut any = 0;
             for s in 0..SAMPLES {
                 let inside = (e[0] + steps[0][s]) | (e[1] + steps[1][s]) | (e[2] + steps[2][s]);
-                values[s] = (centre + nearness_steps[s]).max(low).min(high);
-                wins[s] = (inside >= 0) & (values[s] > nearness[s]);
+                let value = centre + nearness_steps[s];
+                let value = if value < low { low } else { value };
+                values[s] = if value > high { high } else { value };
+                wins[s] = u32::from(inside >= 0) & u32::from(values[s] > nearness[s]);
                 any |= wins[s];
             }
-            if !any || holes.is_hole(id, x as usize, y as usize) {
+            for k in 0..3 {
+                exact[k] += i64::from(edges[k].a) * i64::from(SUBPIXELS);
+            }
+            if any == 0 || holes.is_hole(id, x as usize, y as usize) {
                 continue;
             }
             for s in 0..SAMPLES {
-                nearness[s] = if wins[s] { values[s] } else { nearness[s] };
-                triangle[s] = if wins[s] { id } else { triangle[s] };
+                nearness[s] = if wins[s] != 0 { values[s] } else { nearness[s] };
+                triangle[s] = if wins[s] != 0 { id } else { triangle[s] };
             }
         }
     }
