@@ -30,8 +30,13 @@ const fn offsets(axis: usize) -> [i32; SAMPLES] {
     out
 }
 
-const OFFSET_U: [i32; SAMPLES] = offsets(0);
-const OFFSET_V: [i32; SAMPLES] = offsets(1);
+/// Sample offsets in subpixels.
+struct Offsets {
+    u: [i32; SAMPLES],
+    v: [i32; SAMPLES],
+}
+
+static OFFSETS: Offsets = Offsets { u: offsets(0), v: offsets(1) };
 
 /// Nearest triangle at each sample of a block of pixels.
 #[derive(Debug, Default)]
@@ -106,8 +111,8 @@ impl Edge {
     }
 
     #[inline(always)]
-    fn sample_steps(&self) -> [i32; SAMPLES] {
-        std::array::from_fn(|s| self.a * OFFSET_U[s] + self.b * OFFSET_V[s])
+    fn sample_steps(&self, offsets: &Offsets) -> [i32; SAMPLES] {
+        std::array::from_fn(|s| self.a * offsets.u[s] + self.b * offsets.v[s])
     }
 
     /// Narrows a range of pixels to those that may have a sample inside.
@@ -130,14 +135,24 @@ impl Edge {
 
 /// Draws one triangle. Where two are equally near, the one drawn first stays.
 #[inline(always)]
-fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &impl Holes) {
+fn cover(
+    block: &mut SampleBlock,
+    offsets: &Offsets,
+    corners: [ScreenPoint; 3],
+    id: u32,
+    holes: &impl Holes,
+) {
     let [a, mut b, mut c] = corners;
     let mut area = double_area(corners);
     if area < 0 {
         (b, c, area) = (c, b, -area);
     }
     let edges = [Edge::new(a, b), Edge::new(b, c), Edge::new(c, a)];
-    let steps = [edges[0].sample_steps(), edges[1].sample_steps(), edges[2].sample_steps()];
+    let steps = [
+        edges[0].sample_steps(offsets),
+        edges[1].sample_steps(offsets),
+        edges[2].sample_steps(offsets),
+    ];
 
     // Nearness is linear on the screen; slopes in 1 / pixel.
     let to_pixels = f64::from(SUBPIXELS) / area as f64;
@@ -150,7 +165,7 @@ fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &im
     let high = a.nearness.max(b.nearness).max(c.nearness);
     let per_subpixel = 1.0 / SUBPIXELS as f32;
     let nearness_steps: [f32; SAMPLES] = std::array::from_fn(|s| {
-        (slope_u * OFFSET_U[s] as f32 + slope_v * OFFSET_V[s] as f32) * per_subpixel
+        (slope_u * offsets.u[s] as f32 + slope_v * offsets.v[s] as f32) * per_subpixel
     });
 
     let columns = pixels([a.u, b.u, c.u], block.columns.end as i32);
@@ -177,27 +192,30 @@ fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &im
             let e = exact.map(|e| e.clamp(-EDGE_LIMIT, EDGE_LIMIT) as i32);
             let at = row + (x as usize - block.columns.start);
             let (nearness, triangle) = (&mut block.nearness[at], &mut block.triangle[at]);
-            let mut wins = [0u32; SAMPLES];
-            let mut values = [0.0; SAMPLES];
-            let mut any = 0;
-            for s in 0..SAMPLES {
-                let inside = (e[0] + steps[0][s]) | (e[1] + steps[1][s]) | (e[2] + steps[2][s]);
+            let inside: [i32; SAMPLES] = std::array::from_fn(|s| {
+                (e[0] + steps[0][s]) | (e[1] + steps[1][s]) | (e[2] + steps[2][s])
+            });
+            let values: [f32; SAMPLES] = std::array::from_fn(|s| {
                 let value = centre + nearness_steps[s];
                 let value = if value < low { low } else { value };
-                values[s] = if value > high { high } else { value };
-                wins[s] = u32::from(inside >= 0) & u32::from(values[s] > nearness[s]);
-                any |= wins[s];
-            }
+                if value > high { high } else { value }
+            });
+            let wins: [u32; SAMPLES] = std::array::from_fn(|s| {
+                if (inside[s] >= 0) & (values[s] > nearness[s]) { u32::MAX } else { 0 }
+            });
+            let any = wins.iter().fold(0, |any, win| any | win);
             for k in 0..3 {
                 exact[k] += i64::from(edges[k].a) * i64::from(SUBPIXELS);
             }
             if any == 0 || holes.is_hole(id, x as usize, y as usize) {
                 continue;
             }
-            for s in 0..SAMPLES {
-                nearness[s] = if wins[s] != 0 { values[s] } else { nearness[s] };
-                triangle[s] = if wins[s] != 0 { id } else { triangle[s] };
-            }
+            // Loaded as a whole and joined bit by bit, so that it stays in lanes.
+            let (old, old_id) = (*nearness, *triangle);
+            *nearness = std::array::from_fn(|s| {
+                f32::from_bits((values[s].to_bits() & wins[s]) | (old[s].to_bits() & !wins[s]))
+            });
+            *triangle = std::array::from_fn(|s| (id & wins[s]) | (old_id[s] & !wins[s]));
         }
     }
 }
@@ -207,8 +225,10 @@ fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &im
     "x86_64+avx2+fma+bmi2"
 ))]
 pub fn cover_solid(block: &mut SampleBlock, list: &[([ScreenPoint; 3], u32)]) {
+    // Opaque: knowing that the first offset is zero, the compiler would take it out of the lanes.
+    let offsets = std::hint::black_box(&OFFSETS);
     for &(corners, id) in list {
-        cover(block, corners, id, &Solid);
+        cover(block, offsets, corners, id, &Solid);
     }
 }
 
@@ -219,6 +239,6 @@ pub fn cover_with_holes(
     holes: &impl Holes,
 ) {
     for &(corners, id) in list {
-        cover(block, corners, id, holes);
+        cover(block, &OFFSETS, corners, id, holes);
     }
 }
