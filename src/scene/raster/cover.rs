@@ -30,8 +30,13 @@ const fn offsets(axis: usize) -> [i32; SAMPLES] {
     out
 }
 
-const OFFSET_U: [i32; SAMPLES] = offsets(0);
-const OFFSET_V: [i32; SAMPLES] = offsets(1);
+/// Sample offsets in subpixels.
+struct Offsets {
+    u: [i32; SAMPLES],
+    v: [i32; SAMPLES],
+}
+
+static OFFSETS: Offsets = Offsets { u: offsets(0), v: offsets(1) };
 
 /// Nearest triangle at each sample of a block of pixels.
 #[derive(Debug, Default)]
@@ -78,6 +83,10 @@ impl Holes for Solid {
     }
 }
 
+/// Values beyond this are cut off, which keeps their sign in i32 sums with a sample's offset: the guard
+/// band limits a and b to 2^22 and offsets to 112 subpixels, so a sum stays within 1.875 * 2^30.
+const EDGE_LIMIT: i64 = 1 << 30;
+
 /// Edge function `a u + b v + c` >= 0 inside, in subpixels; exact.
 struct Edge {
     a: i32,
@@ -96,17 +105,14 @@ impl Edge {
         Self { a, b, c: if owned { c } else { c - 1 } }
     }
 
-    /// Bounded to where i32 sums with a sample's offset keep their sign: the guard band limits a and b
-    /// to 2^22 and offsets to 112 subpixels, so these sums stay below 2^30 + 0.875 * 2^30.
     #[inline(always)]
-    fn at(&self, u: i32, v: i32) -> i32 {
-        let exact = i64::from(self.a) * i64::from(u) + i64::from(self.b) * i64::from(v) + self.c;
-        exact.clamp(-(1 << 30), 1 << 30) as i32
+    fn at(&self, u: i32, v: i32) -> i64 {
+        i64::from(self.a) * i64::from(u) + i64::from(self.b) * i64::from(v) + self.c
     }
 
     #[inline(always)]
-    fn sample_steps(&self) -> [i32; SAMPLES] {
-        std::array::from_fn(|s| self.a * OFFSET_U[s] + self.b * OFFSET_V[s])
+    fn sample_steps(&self, offsets: &Offsets) -> [i32; SAMPLES] {
+        std::array::from_fn(|s| self.a * offsets.u[s] + self.b * offsets.v[s])
     }
 
     /// Narrows a range of pixels to those that may have a sample inside.
@@ -129,14 +135,24 @@ impl Edge {
 
 /// Draws one triangle. Where two are equally near, the one drawn first stays.
 #[inline(always)]
-fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &impl Holes) {
+fn cover(
+    block: &mut SampleBlock,
+    offsets: &Offsets,
+    corners: [ScreenPoint; 3],
+    id: u32,
+    holes: &impl Holes,
+) {
     let [a, mut b, mut c] = corners;
     let mut area = double_area(corners);
     if area < 0 {
         (b, c, area) = (c, b, -area);
     }
     let edges = [Edge::new(a, b), Edge::new(b, c), Edge::new(c, a)];
-    let steps = [edges[0].sample_steps(), edges[1].sample_steps(), edges[2].sample_steps()];
+    let steps = [
+        edges[0].sample_steps(offsets),
+        edges[1].sample_steps(offsets),
+        edges[2].sample_steps(offsets),
+    ];
 
     // Nearness is linear on the screen; slopes in 1 / pixel.
     let to_pixels = f64::from(SUBPIXELS) / area as f64;
@@ -149,7 +165,7 @@ fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &im
     let high = a.nearness.max(b.nearness).max(c.nearness);
     let per_subpixel = 1.0 / SUBPIXELS as f32;
     let nearness_steps: [f32; SAMPLES] = std::array::from_fn(|s| {
-        (slope_u * OFFSET_U[s] as f32 + slope_v * OFFSET_V[s] as f32) * per_subpixel
+        (slope_u * offsets.u[s] as f32 + slope_v * offsets.v[s] as f32) * per_subpixel
     });
 
     let columns = pixels([a.u, b.u, c.u], block.columns.end as i32);
@@ -167,29 +183,39 @@ fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &im
             }
         }
         let row = (y as usize - block.rows.start) * block.columns.len();
+        let u = span.0 * SUBPIXELS;
+        let mut exact = [edges[0].at(u, v), edges[1].at(u, v), edges[2].at(u, v)];
+        let row_start =
+            a.nearness + (slope_u * (u - a.u) as f32 + slope_v * (v - a.v) as f32) * per_subpixel;
         for x in span.0..=span.1 {
-            let u = x * SUBPIXELS;
-            let e = [edges[0].at(u, v), edges[1].at(u, v), edges[2].at(u, v)];
-            let centre = a.nearness
-                + (slope_u * (u - a.u) as f32 + slope_v * (v - a.v) as f32) * per_subpixel;
+            let centre = row_start + slope_u * (x - span.0) as f32;
+            let e = exact.map(|e| e.clamp(-EDGE_LIMIT, EDGE_LIMIT) as i32);
             let at = row + (x as usize - block.columns.start);
             let (nearness, triangle) = (&mut block.nearness[at], &mut block.triangle[at]);
-            let mut wins = [false; SAMPLES];
-            let mut values = [0.0; SAMPLES];
-            let mut any = false;
-            for s in 0..SAMPLES {
-                let inside = (e[0] + steps[0][s]) | (e[1] + steps[1][s]) | (e[2] + steps[2][s]);
-                values[s] = (centre + nearness_steps[s]).max(low).min(high);
-                wins[s] = (inside >= 0) & (values[s] > nearness[s]);
-                any |= wins[s];
+            let inside: [i32; SAMPLES] = std::array::from_fn(|s| {
+                (e[0] + steps[0][s]) | (e[1] + steps[1][s]) | (e[2] + steps[2][s])
+            });
+            let values: [f32; SAMPLES] = std::array::from_fn(|s| {
+                let value = centre + nearness_steps[s];
+                let value = if value < low { low } else { value };
+                if value > high { high } else { value }
+            });
+            let wins: [u32; SAMPLES] = std::array::from_fn(|s| {
+                if (inside[s] >= 0) & (values[s] > nearness[s]) { u32::MAX } else { 0 }
+            });
+            let any = wins.iter().fold(0, |any, win| any | win);
+            for k in 0..3 {
+                exact[k] += i64::from(edges[k].a) * i64::from(SUBPIXELS);
             }
-            if !any || holes.is_hole(id, x as usize, y as usize) {
+            if any == 0 || holes.is_hole(id, x as usize, y as usize) {
                 continue;
             }
-            for s in 0..SAMPLES {
-                nearness[s] = if wins[s] { values[s] } else { nearness[s] };
-                triangle[s] = if wins[s] { id } else { triangle[s] };
-            }
+            // Loaded as a whole and joined bit by bit, so that it stays in lanes.
+            let (old, old_id) = (*nearness, *triangle);
+            *nearness = std::array::from_fn(|s| {
+                f32::from_bits((values[s].to_bits() & wins[s]) | (old[s].to_bits() & !wins[s]))
+            });
+            *triangle = std::array::from_fn(|s| (id & wins[s]) | (old_id[s] & !wins[s]));
         }
     }
 }
@@ -199,8 +225,10 @@ fn cover(block: &mut SampleBlock, corners: [ScreenPoint; 3], id: u32, holes: &im
     "x86_64+avx2+fma+bmi2"
 ))]
 pub fn cover_solid(block: &mut SampleBlock, list: &[([ScreenPoint; 3], u32)]) {
+    // Opaque: knowing that the first offset is zero, the compiler would take it out of the lanes.
+    let offsets = std::hint::black_box(&OFFSETS);
     for &(corners, id) in list {
-        cover(block, corners, id, &Solid);
+        cover(block, offsets, corners, id, &Solid);
     }
 }
 
@@ -211,6 +239,6 @@ pub fn cover_with_holes(
     holes: &impl Holes,
 ) {
     for &(corners, id) in list {
-        cover(block, corners, id, holes);
+        cover(block, &OFFSETS, corners, id, holes);
     }
 }

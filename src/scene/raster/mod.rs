@@ -16,7 +16,7 @@ use cover::{SampleBlock, cover_solid, cover_with_holes};
 use glam::{Mat3, Vec3};
 use project::{CHUNK_TRIANGLES, Chunk, MAX_CHUNKS, Projector, ScreenPoint, ScreenVertex};
 use rayon::prelude::*;
-use resolve::{DrawnObject, Resolver};
+use resolve::{DrawnObject, RealRange, Resolver};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -56,6 +56,7 @@ pub struct Rasteriser {
 struct BandScratch {
     block: SampleBlock,
     list: Vec<([ScreenPoint; 3], u32)>,
+    real_range: RealRange,
 }
 
 impl Rasteriser {
@@ -195,15 +196,8 @@ impl Rasteriser {
         let chunks = &self.chunks[..self.active_chunks];
         let (columns, rows) = (hull(chunks, |c| &c.columns), hull(chunks, |c| &c.rows));
         self.scratch.resize_with(rayon::current_num_threads().max(1), Default::default);
-        let resolver = Resolver {
-            scene,
-            drawn: &self.drawn,
-            chunks,
-            vertices: &self.vertices,
-            view: real.view,
-            projector,
-            world_from_view: rotation(&real.view),
-        };
+        let (drawn, vertices) = (&self.drawn, &self.vertices);
+        let resolver = Resolver::new(scene, drawn, chunks, vertices, real.view, projector);
         let (touched, scratch) = (&self.touched, &self.scratch);
         let pixels = bands(merged, layer)
             .enumerate()
@@ -220,10 +214,10 @@ impl Rasteriser {
                 let rows = band_rows.start.max(rows.start)..band_rows.end.min(rows.end);
                 let thread = rayon::current_thread_index().unwrap_or(0);
                 let mut scratch = scratch[thread].lock().unwrap_or_else(PoisonError::into_inner);
-                let BandScratch { block, list } = &mut *scratch;
+                let BandScratch { block, list, real_range } = &mut *scratch;
                 block.clear(columns.clone(), rows);
                 cover_band(&resolver, index, block, list);
-                band.resolve(&resolver, block, real, index * BAND_ROWS)
+                band.resolve(&resolver, block, real, real_range, index * BAND_ROWS)
             })
             .sum();
         DrawReport { objects: self.drawn.len(), pixels, columns, rows }
@@ -266,10 +260,6 @@ fn cover_band(
             cover_solid(block, list);
         }
     }
-}
-
-fn rotation(view: &View) -> Mat3 {
-    Mat3::from(view.world_from_view_f32().matrix3)
 }
 
 /// The same rows of all output images.
@@ -334,12 +324,17 @@ impl Band<'_> {
         resolver: &Resolver,
         block: &SampleBlock,
         real: &GBuffer,
+        real_range: &mut RealRange,
         first_row: usize,
     ) -> usize {
         let mut count = 0;
         for y in block.rows.clone() {
-            for (x, (nearness, ids)) in block.columns.clone().zip(block.row(y)) {
-                let Some(seen) = resolver.pixel(x, y, nearness, ids, real) else { continue };
+            real_range.set_row(real, y, block.columns.clone());
+            let pixels = block.columns.clone().zip(block.row(y)).zip(real_range.iter());
+            for ((x, (nearness, ids)), range) in pixels {
+                let Some(seen) = resolver.pixel(x, y, nearness, ids, real, range) else {
+                    continue;
+                };
                 let at = (y - first_row) * self.width + x;
                 self.albedo[at] = seen.albedo;
                 self.coverage[at] = seen.coverage;

@@ -38,6 +38,10 @@ pub struct Resolver<'a> {
     pub view: View,
     pub projector: Projector,
     pub world_from_view: Mat3,
+    /// Whether pixels count against the view's x or y axis.
+    pub mirrored: bool,
+    /// Largest change of depth to the next pixel, for w = 1.
+    pub max_slope: f32,
 }
 
 /// One pixel of the result.
@@ -58,27 +62,81 @@ struct Face<'a> {
     world_from_object: &'a Mat3,
 }
 
-/// A face at one place of the picture.
+/// A face at one place of the picture, by homogeneous edge functions (Olano and Greer 1997): they are
+/// perspective-correct, and valid for corners behind the viewer too.
 struct Sight {
+    /// Corners relative to the place, times their w.
+    corners: [Vec2; 3],
+    w: [f32; 3],
+    edges: Vec3,
+    /// Of the edges' sum.
+    inverse: f32,
     /// Barycentric coordinates; may be outside the face.
     weights: Vec3,
-    /// Their change to the next pixel in x and y.
-    weights_u: Vec3,
-    weights_v: Vec3,
-    /// Whether the outside is seen.
-    front: bool,
 }
 
 impl Sight {
+    /// `None` where the face is seen edge-on.
+    #[inline(always)]
+    fn new(face: &Face, perspective: bool, pixel: Vec2) -> Option<Self> {
+        // Relative to the pixel, so that f32 holds small triangles far from the image corner.
+        let w = face.corners.map(|c| if perspective { c.z } else { 1.0 });
+        let p: [Vec2; 3] = std::array::from_fn(|i| face.corners[i].truncate() - pixel * w[i]);
+        let edges = Vec3::new(p[1].perp_dot(p[2]), p[2].perp_dot(p[0]), p[0].perp_dot(p[1]));
+        let inverse = (edges.x + edges.y + edges.z).recip();
+        let weights = edges * inverse;
+        weights.is_finite().then_some(Self { corners: p, w, edges, inverse, weights })
+    }
+
+    /// Change of the barycentric coordinates to the next pixel in x and in y.
+    fn weight_steps(&self) -> [Vec3; 2] {
+        let (p, w) = (&self.corners, &self.w);
+        let edges_u = [(1, 2), (2, 0), (0, 1)].map(|(j, k)| w[k] * p[j].y - w[j] * p[k].y);
+        let edges_v = [(1, 2), (2, 0), (0, 1)].map(|(j, k)| w[j] * p[k].x - w[k] * p[j].x);
+        [edges_u, edges_v].map(|edges| {
+            let edges = Vec3::from(edges);
+            (edges - self.weights * edges.element_sum()) * self.inverse
+        })
+    }
+
     /// Barycentric coordinates of the nearest place within the face.
+    #[inline(always)]
     fn inside(&self) -> Vec3 {
         let weights = self.weights.max(Vec3::ZERO);
-        let sum = weights.element_sum();
-        if sum > 0.0 && sum.is_finite() { weights / sum } else { Vec3::splat(1.0 / 3.0) }
+        // The weights sum to one, so without negative ones it is no less.
+        weights / (weights.x + weights.y + weights.z)
+    }
+
+    /// Sign of the face's orientation: negative where the outside is seen in an unmirrored view.
+    #[inline(always)]
+    fn orientation(&self) -> f32 {
+        self.edges.dot(Vec3::from(self.w))
     }
 }
 
 impl<'a> Resolver<'a> {
+    pub fn new(
+        scene: &'a VirtualScene,
+        drawn: &'a [DrawnObject],
+        chunks: &'a [Chunk],
+        vertices: &'a [ScreenVertex],
+        view: View,
+        projector: Projector,
+    ) -> Self {
+        let (scale, _) = view.scale_and_centre();
+        Self {
+            scene,
+            drawn,
+            chunks,
+            vertices,
+            view,
+            projector,
+            world_from_view: Mat3::from(view.world_from_view_f32().matrix3),
+            mirrored: scale.x * scale.y < 0.0,
+            max_slope: MAX_SLOPE / scale.abs().min_element(),
+        }
+    }
+
     /// The id under which a triangle is drawn.
     pub fn id(chunk: usize, triangle: u32) -> u32 {
         (chunk as u32) << CHUNK_BITS | triangle
@@ -99,36 +157,13 @@ impl<'a> Resolver<'a> {
         }
     }
 
-    /// Perspective-correct barycentric coordinates by homogeneous edge functions (Olano and Greer
-    /// 1997): valid for corners behind the viewer too. `None` where the face is seen edge-on.
-    fn sight(&self, face: &Face, pixel: Vec2) -> Option<Sight> {
-        // Relative to the pixel, so that f32 holds small triangles far from the image corner.
-        let w = face.corners.map(|c| if self.projector.perspective { c.z } else { 1.0 });
-        let p: [Vec2; 3] = std::array::from_fn(|i| face.corners[i].truncate() - pixel * w[i]);
-        let per_corner = |f: &dyn Fn(usize, usize) -> f32| Vec3::new(f(1, 2), f(2, 0), f(0, 1));
-        let edges = per_corner(&|j, k| p[j].perp_dot(p[k]));
-        let edges_u = per_corner(&|j, k| w[k] * p[j].y - w[j] * p[k].y);
-        let edges_v = per_corner(&|j, k| w[j] * p[k].x - w[k] * p[j].x);
-        let inverse = edges.element_sum().recip();
-        let weights = edges * inverse;
-        if !weights.is_finite() {
-            return None;
-        }
-        let (scale, _) = self.view.scale_and_centre();
-        let mirrored = scale.x * scale.y < 0.0;
-        Some(Sight {
-            weights,
-            weights_u: (edges_u - weights * edges_u.element_sum()) * inverse,
-            weights_v: (edges_v - weights * edges_v.element_sum()) * inverse,
-            front: (edges.dot(Vec3::from(w)) < 0.0) != mirrored,
-        })
-    }
-
     fn depth(&self, nearness: f32) -> f32 {
         if self.projector.perspective { nearness.recip() } else { -nearness }
     }
 
     /// What pixel (x, y) shows, given its samples' nearest virtual surfaces and the real depth.
+    /// `real_range` is the least and the largest real depth of the 3x3 pixels.
+    #[inline(always)]
     pub fn pixel(
         &self,
         x: usize,
@@ -136,13 +171,29 @@ impl<'a> Resolver<'a> {
         nearness: &[f32; SAMPLES],
         ids: &[u32; SAMPLES],
         real: &GBuffer,
+        real_range: (f32, f32),
     ) -> Option<Seen> {
-        let covered = (0..SAMPLES).filter(|&s| nearness[s] > f32::NEG_INFINITY);
-        let covered = covered.fold(0u8, |mask, s| mask | 1 << s);
+        let mut covered = 0u8;
+        let (mut nearest, mut furthest) = (f32::NEG_INFINITY, f32::INFINITY);
+        for s in 0..SAMPLES {
+            let drawn = nearness[s] > f32::NEG_INFINITY;
+            covered |= u8::from(drawn) << s;
+            nearest = if nearness[s] > nearest { nearness[s] } else { nearest };
+            furthest = if drawn & (nearness[s] < furthest) { nearness[s] } else { furthest };
+        }
         if covered == 0 {
             return None;
         }
-        let visible = self.visible(covered, x, y, nearness, ids, real);
+        let (near, far) = (self.depth(nearest), self.depth(furthest));
+        // No triangle, continued by a pixel, leaves this range.
+        let slack = 2.0 * self.max_slope(far) + DEPTH_BIAS * far;
+        let visible = if real_range.0 > far + slack {
+            covered
+        } else if real_range.1 < near - slack {
+            0
+        } else {
+            self.visible(covered, x, y, nearness, ids, real)
+        };
         if visible == 0 {
             return None;
         }
@@ -150,20 +201,25 @@ impl<'a> Resolver<'a> {
         let sample = visible.trailing_zeros() as usize;
         let face = self.face(ids[sample]);
         let pixel = Vec2::new(x as f32, y as f32) + sample_offset(sample);
-        let sight = self.sight(&face, pixel);
-        let [r, g, b, _] = color(&face, sight.as_ref());
+        let sight = Sight::new(&face, self.projector.perspective, pixel);
         let surface = (sample == 0).then(|| {
             let depths = Vec3::from(face.corners.map(|c| c.z));
             let depth = sight.as_ref().map_or(0.0, |s| s.inside().dot(depths));
             let depth = if depth > 0.0 { depth } else { self.depth(nearness[0]) };
             (depth, self.normal(&face, sight.as_ref(), pixel))
         });
+        let [r, g, b, _] = color(&face, sight.as_ref());
         let coverage = visible.count_ones() as f32 / SAMPLES as f32;
         // max first: NaN from a file becomes 0
         Some(Seen { coverage, albedo: [r, g, b].map(|c| c.max(0.0).min(1.0)), surface })
     }
 
     /// Which of the covered samples lie in front of the real surface. Missing depth is far away.
+    ///
+    /// Compares the real depth with the sample's triangle, continued to the four pixel centres around
+    /// the sample, and interpolates the bounded differences. So surfaces that cross do so on a straight
+    /// line, and the edge of a real object, known only by whole pixels, is cut half-way.
+    #[inline(never)]
     fn visible(
         &self,
         covered: u8,
@@ -174,102 +230,137 @@ impl<'a> Resolver<'a> {
         real: &GBuffer,
     ) -> u8 {
         let around = Neighbourhood::new(&real.depth_m, x, y);
-        let (mut near, mut far) = (f32::INFINITY, 0.0f32);
-        let (mut real_near, mut real_far) = (f32::INFINITY, 0.0f32);
-        for s in (0..SAMPLES).filter(|s| covered >> s & 1 != 0) {
-            let depth = self.depth(nearness[s]);
-            (near, far) = (near.min(depth), far.max(depth));
+        let (mut open, mut visible) = (covered, 0);
+        // Samples of the same triangle share one comparison.
+        while open != 0 {
+            let first = open.trailing_zeros() as usize;
+            let gaps = self.gaps(x, y, first, self.depth(nearness[first]), ids[first], &around);
+            for s in first..SAMPLES {
+                if open >> s & 1 == 0 || ids[s] != ids[first] {
+                    continue;
+                }
+                open &= !(1 << s);
+                visible |= u8::from(interpolated(&gaps, s) > 0.0) << s;
+            }
         }
-        for &depth in around.depth.as_flattened() {
-            (real_near, real_far) = (real_near.min(depth), real_far.max(depth));
-        }
-        // No continued triangle leaves this range within a pixel.
-        let slack = 2.0 * self.max_slope(far) + DEPTH_BIAS * far;
-        if real_near > far + slack {
-            return covered;
-        }
-        if real_far < near - slack {
-            return 0;
-        }
-        (0..SAMPLES)
-            .filter(|s| covered >> s & 1 != 0)
-            .filter(|&s| self.sample_is_in_front(s, x, y, self.depth(nearness[s]), ids[s], &around))
-            .fold(0, |mask, s| mask | 1 << s)
+        visible
     }
 
-    /// Largest change of depth to the next pixel.
-    fn max_slope(&self, depth: f32) -> f32 {
-        let (scale, _) = self.view.scale_and_centre();
-        let w = if self.projector.perspective { depth } else { 1.0 };
-        MAX_SLOPE * w / scale.abs().min_element()
-    }
-
-    /// Compares the real depth with the sample's triangle, continued to the four pixel centres around
-    /// the sample, and interpolates the bounded differences. So surfaces that cross do so on a straight
-    /// line, and the edge of a real object, known only by whole pixels, is cut half-way.
-    fn sample_is_in_front(
+    /// Real depth minus that of a triangle at 3x3 pixel centres, bounded to -1..1. The triangle has
+    /// `depth` at `sample`.
+    fn gaps(
         &self,
-        sample: usize,
         x: usize,
         y: usize,
+        sample: usize,
         depth: f32,
         id: u32,
         around: &Neighbourhood,
-    ) -> bool {
-        let bias = DEPTH_BIAS * depth;
-        let offset = sample_offset(sample);
-        if offset == Vec2::ZERO {
-            return around.depth[1][1] > depth + bias;
-        }
+    ) -> [[f32; 3]; 3] {
         let face = self.face(id);
+        let offset = sample_offset(sample);
         let limit = self.max_slope(depth);
         let bounded = |slope: f32| if slope.is_finite() { slope.clamp(-limit, limit) } else { 0.0 };
-        let slope =
-            self.sight(&face, Vec2::new(x as f32, y as f32) + offset).map_or(Vec2::ZERO, |sight| {
-                let depths = Vec3::from(face.corners.map(|c| c.z));
-                let (u, v) = (sight.weights_u.dot(depths), sight.weights_v.dot(depths));
-                Vec2::new(bounded(u), bounded(v))
-            });
-        let side = [offset.x, offset.y].map(|o| if o < 0.0 { 0 } else { 2 });
-        let (tx, ty) = (offset.x.abs(), offset.y.abs());
-        let corners = [
-            (1, 1, (1.0 - tx) * (1.0 - ty)),
-            (side[0], 1, tx * (1.0 - ty)),
-            (1, side[1], (1.0 - tx) * ty),
-            (side[0], side[1], tx * ty),
-        ];
-        let range = CROSSING_RANGE * depth;
-        let difference: f32 = corners
-            .iter()
-            .map(|&(i, j, weight)| {
+        let pixel = Vec2::new(x as f32, y as f32) + offset;
+        let slope = Sight::new(&face, self.projector.perspective, pixel).map_or(Vec2::ZERO, |s| {
+            let depths = Vec3::from(face.corners.map(|c| c.z));
+            Vec2::from(s.weight_steps().map(|step| bounded(step.dot(depths))))
+        });
+        let per_range = (CROSSING_RANGE * depth).recip();
+        std::array::from_fn(|j| {
+            std::array::from_fn(|i| {
                 let step = Vec2::new(around.step_x[i], around.step_y[j]) - offset;
-                let gap = around.depth[j][i] - (depth + slope.dot(step)) - bias;
-                weight * (gap / range).clamp(-1.0, 1.0)
+                let virtual_depth = depth + slope.dot(step) + DEPTH_BIAS * depth;
+                ((around.depth[j][i] - virtual_depth) * per_range).clamp(-1.0, 1.0)
             })
-            .sum();
-        difference > 0.0
+        })
+    }
+
+    fn max_slope(&self, depth: f32) -> f32 {
+        if self.projector.perspective { self.max_slope * depth } else { self.max_slope }
     }
 
     /// Interpolated world normal, on the side that is seen.
+    #[inline(always)]
     fn normal(&self, face: &Face, sight: Option<&Sight>, pixel: Vec2) -> Vec3 {
-        let eye = self.world_from_view * self.view.towards_eye(pixel);
-        let Some(sight) = sight else { return eye };
-        let side = if sight.front { 1.0 } else { -1.0 };
+        let to_eye = self.world_from_view * self.view_to_eye(pixel);
+        let Some(sight) = sight else { return to_eye.normalize() };
+        let front = (sight.orientation() < 0.0) != self.mirrored;
+        let side = if front { 1.0 } else { -1.0 };
         let vertices = face.indices.map(|i| &face.model.vertices()[i]);
         let weights = sight.inside();
         let smooth = vertices[0].normal * weights.x
             + vertices[1].normal * weights.y
             + vertices[2].normal * weights.z;
-        let [a, b, c] = vertices.map(|v| v.position.as_dvec3());
-        let flat = || (b - a).cross(c - a).normalize_or_zero().as_vec3();
         let to_world = |normal: Vec3| (*face.world_from_object * normal * side).try_normalize();
-        let Some(normal) = to_world(smooth).or_else(|| to_world(flat())) else { return eye };
-        // A smooth normal may turn away before the silhouette is reached: it stops at the horizon.
-        let facing = normal.dot(eye);
-        if facing >= 0.0 {
+        let normal = to_world(smooth).or_else(|| {
+            let [a, b, c] = vertices.map(|v| v.position.as_dvec3());
+            to_world((b - a).cross(c - a).normalize_or_zero().as_vec3())
+        });
+        let Some(normal) = normal else { return to_eye.normalize() };
+        if normal.dot(to_eye) >= 0.0 {
             return normal;
         }
-        (normal - eye * facing).try_normalize().unwrap_or(eye)
+        // A smooth normal may turn away before the silhouette is reached: it stops at the horizon.
+        let eye = to_eye.normalize();
+        (normal - eye * normal.dot(eye)).try_normalize().unwrap_or(eye)
+    }
+
+    /// Towards the eye in view axes, of any length.
+    #[inline(always)]
+    fn view_to_eye(&self, pixel: Vec2) -> Vec3 {
+        if self.projector.perspective { -self.view.unproject(pixel, 1.0) } else { -Vec3::Z }
+    }
+}
+
+/// Bilinear value at a sample from those at 3x3 pixel centres.
+fn interpolated(values: &[[f32; 3]; 3], sample: usize) -> f32 {
+    let offset = sample_offset(sample);
+    let [i, j] = [offset.x, offset.y].map(|o| if o < 0.0 { 0 } else { 2 });
+    let (tx, ty) = (offset.x.abs(), offset.y.abs());
+    let near = values[1][1] + tx * (values[1][i] - values[1][1]);
+    let far = values[j][1] + tx * (values[j][i] - values[j][1]);
+    near + ty * (far - near)
+}
+
+/// Least and largest real depth around each pixel of a row.
+#[derive(Debug, Default)]
+pub struct RealRange {
+    /// Of three rows, from one column before the first to one after the last.
+    near: Vec<f32>,
+    far: Vec<f32>,
+}
+
+impl RealRange {
+    pub fn set_row(&mut self, real: &GBuffer, y: usize, columns: std::ops::Range<usize>) {
+        let depth = &real.depth_m;
+        let (width, height) = (depth.width(), depth.height());
+        let padded = columns.start.saturating_sub(1)..(columns.end + 1).min(width);
+        let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)]
+            .map(|row| &depth.row(row)[padded.clone()]);
+        let known = |d: f32| if d > 0.0 { d } else { f32::INFINITY };
+        self.near.clear();
+        self.far.clear();
+        for i in 0..padded.len() {
+            let [a, b, c] = [known(rows[0][i]), known(rows[1][i]), known(rows[2][i])];
+            self.near.push(a.min(b).min(c));
+            self.far.push(a.max(b).max(c));
+        }
+        // The image ends with its last column: repeat it, so that every pixel has two neighbours.
+        for list in [&mut self.near, &mut self.far] {
+            if columns.start == 0 {
+                list.insert(0, list[0]);
+            }
+            if columns.end == width {
+                list.push(list[list.len() - 1]);
+            }
+        }
+    }
+
+    /// For the columns of the last row set, in order.
+    pub fn iter(&self) -> impl Iterator<Item = (f32, f32)> {
+        let near = self.near.windows(3).map(|w| w[0].min(w[1]).min(w[2]));
+        near.zip(self.far.windows(3).map(|w| w[0].max(w[1]).max(w[2])))
     }
 }
 
@@ -309,8 +400,7 @@ fn color(face: &Face, sight: Option<&Sight>) -> [f32; 4] {
     if let Some(texture) = &face.material.texture {
         let uvs = face.indices.map(|i| face.model.vertices()[i].uv);
         let mix = |w: Vec3| uvs[0] * w.x + uvs[1] * w.y + uvs[2] * w.z;
-        let (du, dv) =
-            sight.map_or_else(Default::default, |s| (mix(s.weights_u), mix(s.weights_v)));
+        let (du, dv) = sight.map_or_else(Default::default, |s| s.weight_steps().map(mix).into());
         multiply(texture.sample(mix(weights), du, dv));
     }
     color
@@ -320,7 +410,7 @@ impl Holes for Resolver<'_> {
     fn is_hole(&self, id: u32, x: usize, y: usize) -> bool {
         let face = self.face(id);
         let Some(cutoff) = face.material.alpha_cutoff else { return false };
-        let sight = self.sight(&face, Vec2::new(x as f32, y as f32));
+        let sight = Sight::new(&face, self.projector.perspective, Vec2::new(x as f32, y as f32));
         color(&face, sight.as_ref())[3] < cutoff
     }
 }
