@@ -70,10 +70,6 @@ impl Keyframes {
         self.frames.clear();
     }
 
-    pub fn len(&self) -> usize {
-        self.frames.len()
-    }
-
     /// Keeps this frame where no other was taken from near by.
     pub fn consider(&mut self, frame: &RgbdFrame, world_from_camera: &Pose) {
         if self.frames.iter().any(|k| separation(&k.world_from_camera, world_from_camera) < 1.0) {
@@ -223,14 +219,14 @@ mod tests {
         let one = frame(0.0, 1.0);
         keyframes.consider(&one, &at(0.0));
         keyframes.consider(&one, &at(0.14));
-        assert_eq!(keyframes.len(), 1);
+        assert_eq!(keyframes.frames.len(), 1);
         let turned = Pose::new(Vector3::zeros(), Vector3::new(0.0, 11f64.to_radians(), 0.0));
         keyframes.consider(&one, &turned);
-        assert_eq!(keyframes.len(), 2);
+        assert_eq!(keyframes.frames.len(), 2);
         for i in 1..CAPACITY + 20 {
             keyframes.consider(&one, &at(0.2 * i as f64));
         }
-        assert_eq!(keyframes.len(), CAPACITY);
+        assert_eq!(keyframes.frames.len(), CAPACITY);
     }
 
     #[test]

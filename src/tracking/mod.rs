@@ -168,12 +168,15 @@ pub struct TrackingParams {
     pub max_angle_rad: f32,
     /// Iteration stops where the step is smaller (metres and radians).
     pub convergence: f64,
-    /// Below: degraded; below half of it: lost.
+    /// Below: degraded; below 0.7 of it: lost.
     pub min_inlier_share: f32,
-    /// Below: degraded; below half of it: lost.
+    /// Below: degraded; below 0.7 of it: lost.
     pub min_overlap: f32,
     /// Above: degraded; above twice of it: lost.
     pub max_rms_m: f32,
+    /// Lost after this many degraded frames in a row, not counting those that are well aligned but
+    /// leave motions open.
+    pub max_degraded_frames: usize,
     /// Eigenvalues of the 6x6 system below this share of the largest are not observable.
     pub min_eigenvalue_ratio: f64,
     /// A step from one frame to the next beyond this is implausible.
@@ -193,10 +196,11 @@ impl Default for TrackingParams {
             max_distance_m: 0.1,
             max_angle_rad: 0.5,
             convergence: 1e-5,
-            min_inlier_share: 0.3,
+            min_inlier_share: 0.5,
             min_overlap: 0.1,
             max_rms_m: 0.03,
-            min_eigenvalue_ratio: 1e-5,
+            max_degraded_frames: 10,
+            min_eigenvalue_ratio: 2e-4,
             max_step_m: 0.3,
             max_step_rad: 0.5,
         }

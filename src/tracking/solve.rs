@@ -40,7 +40,7 @@ pub(super) fn solve(
     min_eigenvalue_ratio: f64,
 ) -> Solution {
     let finite = a.iter().chain(b.iter()).all(|v| v.is_finite());
-    if !finite || !(length_m.is_finite() && length_m > 0.0) {
+    if !(finite && length_m.is_finite() && length_m > 0.0) {
         return Solution::NONE;
     }
     let unit = Vector6::new(1.0, 1.0, 1.0, length_m, length_m, length_m);

@@ -15,6 +15,9 @@ const CANDIDATES: usize = 3;
 /// Less depth than this is a covered lens or a blind sensor.
 const MIN_VALID_SHARE: f32 = 0.02;
 
+/// A share below this part of its limit is not only poor but wrong.
+const LOST_SHARE: f32 = 0.7;
+
 /// A model picture taken this far from the guess is replaced by one from there.
 const STALE_M: f64 = 0.25;
 const STALE_RAD: f64 = 0.25;
@@ -48,6 +51,8 @@ pub struct Tracker {
     motion: Pose,
     /// The pose at the start has been chosen.
     placed: bool,
+    /// Poorly aligned frames in a row.
+    degraded_frames: usize,
 }
 
 /// What one frame came to, before the states are looked at.
@@ -72,6 +77,7 @@ impl Tracker {
             trusted: Pose::identity(),
             motion: Pose::identity(),
             placed: false,
+            degraded_frames: 0,
         }
     }
 
@@ -83,6 +89,7 @@ impl Tracker {
         self.trusted = world_from_camera;
         self.motion = Pose::identity();
         self.placed = true;
+        self.degraded_frames = 0;
     }
 
     /// The pose of this frame.
@@ -99,8 +106,9 @@ impl Tracker {
         match self.params.mode {
             PoseMode::Recorded => self.recorded(frame),
             PoseMode::Static => {
+                let next = self.next_of_fixed();
                 self.place(frame);
-                self.unmeasured(frame, self.next_of_fixed(), None)
+                self.unmeasured(frame, next, None)
             }
             PoseMode::Track => self.registered(frame, model, render),
         }
@@ -177,6 +185,12 @@ impl Tracker {
                     self.keyframes.consider(frame, &fit.world_from_camera);
                 }
                 tracking
+            }
+            (_, Verdict::Poor(fit, issue))
+                if self.degraded_frames >= self.params.max_degraded_frames
+                    && !matches!(issue, TrackingIssue::Underconstrained { .. }) =>
+            {
+                self.lose(frame, Some(fit), issue)
             }
             (_, Verdict::Poor(fit, issue)) => {
                 self.accept(frame, fit, TrackingState::Degraded, Some(issue))
@@ -265,9 +279,9 @@ impl Tracker {
             let (translation_m, rotation_rad) = (metres as f32, radians as f32);
             let issue = TrackingIssue::ImplausibleMotion { translation_m, rotation_rad };
             Verdict::Bad(Some(fit), issue)
-        } else if fit.overlap < 0.5 * params.min_overlap {
+        } else if fit.overlap < LOST_SHARE * params.min_overlap {
             Verdict::Bad(Some(fit), overlap)
-        } else if fit.inlier_share < 0.5 * params.min_inlier_share {
+        } else if fit.inlier_share < LOST_SHARE * params.min_inlier_share {
             Verdict::Bad(Some(fit), inliers)
         } else if fit.rms_m > 2.0 * params.max_rms_m {
             Verdict::Bad(Some(fit), residual)
@@ -343,6 +357,11 @@ impl Tracker {
     /// Changes the state; each change is logged once.
     fn enter(&mut self, frame: &RgbdFrame, next: TrackingState, issue: Option<TrackingIssue>) {
         let before = std::mem::replace(&mut self.state, next);
+        self.degraded_frames = match (next, issue) {
+            (_, Some(TrackingIssue::Underconstrained { .. })) => 0,
+            (TrackingState::Degraded, _) => self.degraded_frames + 1,
+            _ => 0,
+        };
         if before == next {
             return;
         }
