@@ -76,9 +76,7 @@ impl Rectifier {
         let (map_x, map_y, width) = (self.map_x.as_slice(), self.map_y.as_slice(), self.size.width);
         out.par_rows_mut().for_each(|(y, row)| {
             let at = y * width..(y + 1) * width;
-            for ((out, &u), &v) in row.iter_mut().zip(&map_x[at.clone()]).zip(&map_y[at]) {
-                *out = sample_depth(recorded, u, v);
-            }
+            sample_row(recorded, &map_x[at.clone()], &map_y[at], row);
         });
         out
     }
@@ -90,6 +88,15 @@ pub(super) fn largest_step_m(depth_m: f32) -> f32 {
     0.02 * depth_m + 0.006 * depth_m * depth_m
 }
 
+/// Dispatched for the sake of `floor`, which is a call on the baseline.
+#[multiversion::multiversion(targets("x86_64+avx2+fma+bmi2"))]
+fn sample_row(image: &Image<f32>, map_x: &[f32], map_y: &[f32], out: &mut [f32]) {
+    for ((out, &u), &v) in out.iter_mut().zip(map_x).zip(map_y) {
+        *out = sample_depth(image, u, v);
+    }
+}
+
+#[inline(always)]
 fn sample_depth(image: &Image<f32>, u: f32, v: f32) -> f32 {
     let (width, height) = (image.width() as f32, image.height() as f32);
     // The negation is true for NaN as well.

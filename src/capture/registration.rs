@@ -16,7 +16,7 @@ use rayon::prelude::*;
 const NEAR_M: f32 = 0.05;
 
 /// Rows of the colour picture that one task fills.
-const BAND: usize = 24;
+const BAND: usize = 48;
 
 /// Registers depth pictures of one camera pair; keeps its tables and buffers from frame to frame.
 #[derive(Debug)]
@@ -34,12 +34,12 @@ pub struct Registration {
     projected: Projected,
 }
 
-/// Depth pixels in the colour picture: place, and depth there (0.0 where missing).
+/// Depth pixels in the colour picture: place, and inverse depth there (0.0 where missing).
 #[derive(Debug, Default)]
 struct Projected {
     u: Vec<f32>,
     v: Vec<f32>,
-    z: Vec<f32>,
+    inverse_z: Vec<f32>,
     /// The pixel, its right, lower and lower right neighbour span a patch.
     patch: Vec<bool>,
     /// Lowest and highest `v` of each row.
@@ -88,7 +88,7 @@ impl Registration {
             projected: Projected {
                 u: vec![0.0; n],
                 v: vec![0.0; n],
-                z: vec![0.0; n],
+                inverse_z: vec![0.0; n],
                 patch: vec![false; n],
                 rows: vec![(0.0, 0.0); size.height],
             },
@@ -110,7 +110,7 @@ impl Registration {
     fn project(&mut self, depth_m: &Image<f32>) {
         let width = self.depth_size.width;
         let (rays, shift) = (&self.rays, self.shift);
-        let Projected { u, v, z, rows, .. } = &mut self.projected;
+        let Projected { u, v, inverse_z: z, rows, .. } = &mut self.projected;
         (
             u.par_chunks_mut(width),
             v.par_chunks_mut(width),
@@ -135,7 +135,7 @@ impl Registration {
 
     fn find_patches(&mut self, depth_m: &Image<f32>) {
         let Size { width, height } = self.depth_size;
-        let Projected { u, v, z, patch, .. } = &mut self.projected;
+        let Projected { u, v, inverse_z, patch, .. } = &mut self.projected;
         let span = self.max_span;
         patch.par_chunks_mut(width).enumerate().for_each(|(y, patch)| {
             patch.fill(false);
@@ -148,7 +148,7 @@ impl Registration {
             };
             for x in 0..width - 1 {
                 let (low, high) = extent(near(depth_m.as_slice(), x));
-                let seen = extent(near(z, x)).0 > 0.0;
+                let seen = extent(near(inverse_z, x)).0 > 0.0;
                 let (left, right) = extent(near(u, x));
                 let (top, bottom) = extent(near(v, x));
                 let small = (right - left).max(bottom - top) < span;
@@ -161,19 +161,21 @@ impl Registration {
     /// another, and the result is that of a serial loop.
     fn draw(&self, depth_m: &Image<f32>, out: &mut Image<f32>) {
         let width = self.camera.width;
-        let Size { width: columns, height: rows } = self.depth_size;
-        let margin = self.max_span;
+        let rows = &self.projected.rows;
         out.as_mut_slice().par_chunks_mut(width * BAND).enumerate().for_each(|(band, pixels)| {
             pixels.fill(f32::INFINITY);
             let top = band * BAND;
             let mut target = Target { width, top, height: pixels.len() / width, pixels };
-            let (first, last) = (top as f32 - margin, (top + target.height) as f32 + margin);
-            for y in 0..rows {
-                let (low, high) = self.projected.rows[y];
+            let (first, last) = (top as f32, (top + target.height) as f32);
+            for y in 0..self.depth_size.height {
+                // Patches reach down to the next row, squares half a span further.
+                let (low, high) = rows[y];
+                let (low_below, high_below) = *rows.get(y + 1).unwrap_or(&rows[y]);
+                let reach = 0.5 * self.max_span;
+                let low = (low - reach).min(low_below);
+                let high = (high + reach).max(high_below);
                 if low <= last && high >= first {
-                    for x in 0..columns {
-                        self.draw_pixel(x, y, depth_m, &mut target);
-                    }
+                    draw_row(&self.row(y, depth_m), &mut target);
                 }
             }
             for z in target.pixels {
@@ -182,30 +184,68 @@ impl Registration {
         });
     }
 
-    #[inline(always)]
-    fn draw_pixel(&self, x: usize, y: usize, depth_m: &Image<f32>, target: &mut Target) {
+    /// A row of patches, with the pixels above and below it. The last row has no patches, and stands in
+    /// for the row below it.
+    fn row<'a>(&'a self, y: usize, depth_m: &'a Image<f32>) -> Row<'a> {
+        let width = self.depth_size.width;
+        let at = |y: usize| y * width..(y + 1) * width;
+        let below = at((y + 1).min(self.depth_size.height - 1));
         let p = &self.projected;
-        let columns = self.depth_size.width;
-        let i = y * columns + x;
-        if p.z[i] == 0.0 {
-            return;
-        }
-        if p.patch[i] {
-            let corner = |i: usize| [p.u[i], p.v[i], 1.0 / p.z[i]];
-            let j = i + columns;
-            target.patch([corner(i), corner(i + 1), corner(j), corner(j + 1)]);
-        }
-        let has = |dx: usize, dy: usize| x >= dx && y >= dy && p.patch[i - dx - dy * columns];
-        if !(p.patch[i] & has(1, 0) & has(0, 1) & has(1, 1)) {
-            // The pixel's own square, as large as the colour camera sees it.
-            let grow = 0.5 * depth_m.as_slice()[i] / p.z[i];
-            let half = self.scale.map(|s| (s * grow).min(0.5 * self.max_span));
-            target.square([p.u[i], p.v[i]], half, p.z[i]);
+        let pair = |data: &'a [f32]| [&data[at(y)], &data[below.clone()]];
+        Row {
+            u: pair(&p.u),
+            v: pair(&p.v),
+            inverse_z: pair(&p.inverse_z),
+            depth_m: depth_m.row(y),
+            patch: [&p.patch[at(y.saturating_sub(1))], &p.patch[at(y)]],
+            first: y == 0,
+            half_scale: self.scale.map(|s| 0.5 * s),
+            max_half: 0.5 * self.max_span,
         }
     }
 }
 
-/// Colour pixels of one depth row. Vectorises: no branch, missing depth ends as z = 0.
+struct Row<'a> {
+    /// Of this row and the one below.
+    u: [&'a [f32]; 2],
+    v: [&'a [f32]; 2],
+    inverse_z: [&'a [f32]; 2],
+    depth_m: &'a [f32],
+    /// Of the row above and this one.
+    patch: [&'a [bool]; 2],
+    first: bool,
+    half_scale: [f32; 2],
+    max_half: f32,
+}
+
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
+    "x86_64+avx2+fma+bmi2"
+))]
+fn draw_row(row: &Row, target: &mut Target) {
+    let n = row.depth_m.len();
+    let [u, v, inverse_z] = [row.u, row.v, row.inverse_z].map(|two| two.map(|r| &r[..n]));
+    let [above, here] = row.patch.map(|r| &r[..n]);
+    // Whether the patches to the left of this pixel were drawn.
+    let (mut left_above, mut left) = (false, false);
+    for x in 0..n {
+        let inverse = inverse_z[0][x];
+        let up = above[x] & !row.first;
+        if here[x] && x + 1 < n {
+            let corner = |x: usize, y: usize| [u[y][x], v[y][x], inverse_z[y][x]];
+            target.patch([corner(x, 0), corner(x + 1, 0), corner(x, 1), corner(x + 1, 1)]);
+        }
+        if inverse > 0.0 && !(here[x] & left & up & left_above) {
+            // The pixel's own square, as large as the colour camera sees it.
+            let grow = row.depth_m[x] * inverse;
+            let half = row.half_scale.map(|s| (s * grow).min(row.max_half));
+            target.square([u[0][x], v[0][x]], half, 1.0 / inverse);
+        }
+        (left, left_above) = (here[x], up);
+    }
+}
+
+/// Colour pixels of one depth row. Vectorises: no branch, missing depth ends as 1/z = 0.
 #[multiversion::multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
     "x86_64+avx2+fma+bmi2"
@@ -216,19 +256,19 @@ fn project_row(
     depth_m: &[f32],
     u: &mut [f32],
     v: &mut [f32],
-    z: &mut [f32],
+    inverse_z: &mut [f32],
 ) {
     let n = depth_m.len();
     let [a, b, c] = rays.map(|r| &r[..n]);
-    let (u, v, z) = (&mut u[..n], &mut v[..n], &mut z[..n]);
+    let (u, v, inverse_z) = (&mut u[..n], &mut v[..n], &mut inverse_z[..n]);
     for i in 0..n {
         let d = depth_m[i];
         let w = d * c[i] + shift[2];
         let seen = (d > 0.0) & (w > NEAR_M) & (w < f32::MAX);
-        let w = if seen { w } else { 1.0 };
-        u[i] = (d * a[i] + shift[0]) / w;
-        v[i] = (d * b[i] + shift[1]) / w;
-        z[i] = if seen { w } else { 0.0 };
+        let inverse = 1.0 / if seen { w } else { 1.0 };
+        u[i] = (d * a[i] + shift[0]) * inverse;
+        v[i] = (d * b[i] + shift[1]) * inverse;
+        inverse_z[i] = if seen { inverse } else { 0.0 };
     }
 }
 
@@ -261,6 +301,7 @@ impl Target<'_> {
         *slot = slot.min(z);
     }
 
+    #[inline(always)]
     fn square(&mut self, [u, v]: [f32; 2], half: [f32; 2], z: f32) {
         for y in Self::centres(v - half[1], v + half[1], self.top, self.height) {
             for x in Self::centres(u - half[0], u + half[0], 0, self.width) {
