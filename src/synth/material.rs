@@ -3,7 +3,7 @@
 
 use super::sampler::{Sampler, sin_cos_turns};
 use crate::image::Image;
-use crate::math::random::{Rng, hash};
+use crate::math::random::{hash, unit_f32};
 use glam::{Vec2, Vec3A};
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::Arc;
@@ -99,10 +99,10 @@ pub fn value_noise(point: Vec3A, seed: u32) -> f32 {
     let base = point.floor();
     let f = point - base;
     let w = f * f * (Vec3A::splat(3.0) - f * 2.0);
-    let corner = |dx: i32, dy: i32, dz: i32| {
-        let words = [base.x as i32 + dx, base.y as i32 + dy, base.z as i32 + dz];
-        Rng::new(&[hash(seed), words[0] as u32, words[1] as u32, words[2] as u32]).uniform()
-    };
+    let cell = base.as_ivec3();
+    let layer = |dz: i32| hash(seed ^ (cell.z + dz) as u32);
+    let line = |dy: i32, dz: i32| hash(layer(dz) ^ (cell.y + dy) as u32);
+    let corner = |dx, dy, dz| unit_f32(hash(line(dy, dz) ^ (cell.x + dx) as u32));
     let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
     let edge = |dy, dz| mix(corner(0, dy, dz), corner(1, dy, dz), w.x);
     mix(mix(edge(0, 0), edge(1, 0), w.y), mix(edge(0, 1), edge(1, 1), w.y), w.z)

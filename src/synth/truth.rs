@@ -64,7 +64,7 @@ fn add_visible(out: &mut Sh, light: &AreaLight, point: DVec3, world: &World) {
     for (direction, distance, angle) in light.patches(point, 48) {
         let d: Vec3A = direction.as_vec3a();
         if !world.occluded(point.as_vec3a(), d, distance as f32) {
-            let radiance = light.radiance.as_dvec3().to_array().map(|r| r * angle);
+            let radiance = light.radiance().as_dvec3().to_array().map(|r| r * angle);
             add_direction(out, direction, radiance);
         }
     }
@@ -98,13 +98,14 @@ pub fn light_json(scene: &Scene, world: &World, frames: usize, bounces: u32) -> 
         .lights
         .iter()
         .map(|named| {
-            let position = named.light.centre.as_dvec3();
+            let position = named.light.centre().as_dvec3();
             let direction = (position - scene.centre).normalize_or_zero();
+            let [half_u, half_v] = named.light.half_sides();
             let entry = json!({
                 "position": position.to_array(),
-                "radiance": named.light.radiance.to_array(),
-                "half_u": named.light.half_u.to_array(),
-                "half_v": named.light.half_v.to_array(),
+                "radiance": named.light.radiance().to_array(),
+                "half_u": half_u.to_array(),
+                "half_v": half_v.to_array(),
                 "factor": 1.0,
                 "direction_from_center": direction.to_array(),
             });
@@ -114,7 +115,7 @@ pub fn light_json(scene: &Scene, world: &World, frames: usize, bounces: u32) -> 
     // One lamp: the direction of its centre, as for the mitsuba sequences; several: that of all.
     let dominant = match scene.lights.as_slice() {
         [one] => {
-            let towards = one.light.centre.as_dvec3() - scene.centre;
+            let towards = one.light.centre().as_dvec3() - scene.centre;
             towards.try_normalize().map(|d| d.to_array())
         }
         [] => direction_of_band_1(&sh),
