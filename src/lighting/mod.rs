@@ -7,6 +7,7 @@
 
 mod estimator;
 pub mod exitant;
+mod lamp;
 mod normal_equations;
 mod samples;
 mod solve;
@@ -49,11 +50,26 @@ pub enum LightChannels {
     Rgb,
 }
 
+/// What light is believed to be where the picture does not say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightPrior {
+    /// None at all, as plain Tikhonov regularisation has it.
+    Dark,
+    /// That of the one distant lamp and ambient light that explain the picture best.
+    #[default]
+    Lamp,
+}
+
 /// LightEst stage.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LightParams {
     pub channels: LightChannels,
+    pub prior: LightPrior,
+    /// Only surfaces of the model count: their normals are averages over many frames, and what
+    /// shadows them is known. What lies outside the volume does not.
+    pub model_only: bool,
     /// Tikhonov weight relative to the mean eigenvalue (trace / n) of the normal equations.
     pub tikhonov: f64,
     /// The penalty of band l is multiplied by (l (l + 1) / 2)^band_power; 0 treats all bands alike.
@@ -80,6 +96,8 @@ impl Default for LightParams {
     fn default() -> Self {
         Self {
             channels: LightChannels::default(),
+            prior: LightPrior::default(),
+            model_only: true,
             tikhonov: 0.3,
             band_power: 0.5,
             huber: 1.345,

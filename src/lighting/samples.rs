@@ -199,6 +199,7 @@ struct Gather<'a> {
     brightest: f32,
     darkest: f32,
     min_cosine: f32,
+    model_only: bool,
     row_length: usize,
     world_from_view: glam::Affine3A,
 }
@@ -217,6 +218,7 @@ impl<'a> Gather<'a> {
             brightest: params.max_encoded * 255.0,
             darkest: params.min_encoded * 255.0,
             min_cosine: params.min_cosine,
+            model_only: params.model_only,
             row_length: padded(transfer.bands * transfer.bands),
             world_from_view: surface.view.world_from_view_f32(),
         }
@@ -253,7 +255,11 @@ impl<'a> Gather<'a> {
 
     fn has_surface(&self, x: usize, y: usize, row: &[f32]) -> bool {
         let depth = self.surface.depth_m[(x, y)];
-        let real = !matches!(self.surface.origin[(x, y)], Origin::None | Origin::Virtual);
+        let real = match self.surface.origin[(x, y)] {
+            Origin::Model => true,
+            Origin::Sensor => !self.model_only,
+            Origin::None | Origin::Virtual => false,
+        };
         // The sum is finite only where every coefficient is.
         let energy: f32 = row.iter().map(|t| t * t).sum();
         real && depth > 0.0 && depth.is_finite() && energy > 0.0 && energy.is_finite()
