@@ -53,7 +53,8 @@ pub struct Seen {
     pub surface: Option<(f32, Vec3)>,
 }
 
-struct Face<'a> {
+/// A triangle and what shades it.
+pub struct Face<'a> {
     model: &'a Model,
     material: &'a Material,
     indices: [usize; 3],
@@ -142,6 +143,7 @@ impl<'a> Resolver<'a> {
         (chunk as u32) << CHUNK_BITS | triangle
     }
 
+    #[inline(always)]
     fn face(&self, id: u32) -> Face<'a> {
         let chunk = &self.chunks[(id >> CHUNK_BITS) as usize];
         let drawn = &self.drawn[chunk.object];
@@ -162,7 +164,8 @@ impl<'a> Resolver<'a> {
     }
 
     /// What pixel (x, y) shows, given its samples' nearest virtual surfaces and the real depth.
-    /// `real_range` is the least and the largest real depth of the 3x3 pixels.
+    /// `real_range` is the least and the largest real depth of the 3x3 pixels; `last` keeps the face of
+    /// one pixel for the next.
     #[inline(always)]
     pub fn pixel(
         &self,
@@ -172,6 +175,7 @@ impl<'a> Resolver<'a> {
         ids: &[u32; SAMPLES],
         real: &GBuffer,
         real_range: (f32, f32),
+        last: &mut Option<(u32, Face<'a>)>,
     ) -> Option<Seen> {
         let mut covered = 0u8;
         let (mut nearest, mut furthest) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -199,16 +203,22 @@ impl<'a> Resolver<'a> {
         }
         // The centre if it is seen, else any sample that is: never a place off the surface.
         let sample = visible.trailing_zeros() as usize;
-        let face = self.face(ids[sample]);
+        let id = ids[sample];
+        let face = match last {
+            Some((last_id, face)) if *last_id == id => face,
+            last => &last.insert((id, self.face(id))).1,
+        };
         let pixel = Vec2::new(x as f32, y as f32) + sample_offset(sample);
-        let sight = Sight::new(&face, self.projector.perspective, pixel);
-        let surface = (sample == 0).then(|| {
+        let sight = Sight::new(face, self.projector.perspective, pixel);
+        let surface = if sample == 0 {
             let depths = Vec3::from(face.corners.map(|c| c.z));
             let depth = sight.as_ref().map_or(0.0, |s| s.inside().dot(depths));
             let depth = if depth > 0.0 { depth } else { self.depth(nearness[0]) };
-            (depth, self.normal(&face, sight.as_ref(), pixel))
-        });
-        let [r, g, b, _] = color(&face, sight.as_ref());
+            Some((depth, self.normal(face, sight.as_ref(), pixel)))
+        } else {
+            None
+        };
+        let [r, g, b, _] = color(face, sight.as_ref());
         let coverage = visible.count_ones() as f32 / SAMPLES as f32;
         // max first: NaN from a file becomes 0
         Some(Seen { coverage, albedo: [r, g, b].map(|c| c.max(0.0).min(1.0)), surface })
