@@ -155,7 +155,7 @@ impl Window {
                 window.area += 1.0;
                 let (px, py) = (u as usize, v as usize);
                 let depth = surface.depth_m[(px, py)];
-                if !(depth > 0.0) || surface.origin[(px, py)] == Origin::Virtual {
+                if depth <= 0.0 || surface.origin[(px, py)] == Origin::Virtual {
                     continue;
                 }
                 let in_view = surface.view.unproject(Vec2::new(u as f32, v as f32), depth);

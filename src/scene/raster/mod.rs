@@ -3,6 +3,7 @@
 
 mod cover;
 mod project;
+mod real_depth;
 mod resolve;
 #[cfg(test)]
 mod tests;
@@ -16,7 +17,8 @@ use cover::{SampleBlock, cover_solid, cover_with_holes};
 use glam::{Mat3, Vec3};
 use project::{CHUNK_TRIANGLES, Chunk, MAX_CHUNKS, Projector, ScreenPoint, ScreenVertex};
 use rayon::prelude::*;
-use resolve::{DrawnObject, RealRange, Resolver};
+use real_depth::RealRange;
+use resolve::{DrawnObject, Resolver};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 

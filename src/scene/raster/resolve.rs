@@ -2,6 +2,7 @@
 
 use super::cover::{Holes, SAMPLES, sample_offset};
 use super::project::{CHUNK_BITS, CHUNK_TRIANGLES, Chunk, Projector, ScreenVertex};
+use super::real_depth::Neighbourhood;
 use crate::geometry::GBuffer;
 use crate::math::View;
 use crate::scene::model::{Material, Model};
@@ -220,8 +221,9 @@ impl<'a> Resolver<'a> {
         };
         let [r, g, b, _] = color(face, sight.as_ref());
         let coverage = visible.count_ones() as f32 / SAMPLES as f32;
-        // max first: NaN from a file becomes 0
-        Some(Seen { coverage, albedo: [r, g, b].map(|c| c.max(0.0).min(1.0)), surface })
+        // NaN from a file becomes 0
+        let albedo = [r, g, b].map(|c| if c > 0.0 { c.min(1.0) } else { 0.0 });
+        Some(Seen { coverage, albedo, surface })
     }
 
     /// Which of the covered samples lie in front of the real surface. Missing depth is far away.
@@ -331,70 +333,6 @@ fn interpolated(values: &[[f32; 3]; 3], sample: usize) -> f32 {
     let near = values[1][1] + tx * (values[1][i] - values[1][1]);
     let far = values[j][1] + tx * (values[j][i] - values[j][1]);
     near + ty * (far - near)
-}
-
-/// Least and largest real depth around each pixel of a row.
-#[derive(Debug, Default)]
-pub struct RealRange {
-    /// Of three rows, from one column before the first to one after the last.
-    near: Vec<f32>,
-    far: Vec<f32>,
-}
-
-impl RealRange {
-    pub fn set_row(&mut self, real: &GBuffer, y: usize, columns: std::ops::Range<usize>) {
-        let depth = &real.depth_m;
-        let (width, height) = (depth.width(), depth.height());
-        let padded = columns.start.saturating_sub(1)..(columns.end + 1).min(width);
-        let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)]
-            .map(|row| &depth.row(row)[padded.clone()]);
-        let known = |d: f32| if d > 0.0 { d } else { f32::INFINITY };
-        self.near.clear();
-        self.far.clear();
-        for i in 0..padded.len() {
-            let [a, b, c] = [known(rows[0][i]), known(rows[1][i]), known(rows[2][i])];
-            self.near.push(a.min(b).min(c));
-            self.far.push(a.max(b).max(c));
-        }
-        // The image ends with its last column: repeat it, so that every pixel has two neighbours.
-        for list in [&mut self.near, &mut self.far] {
-            if columns.start == 0 {
-                list.insert(0, list[0]);
-            }
-            if columns.end == width {
-                list.push(list[list.len() - 1]);
-            }
-        }
-    }
-
-    /// For the columns of the last row set, in order.
-    pub fn iter(&self) -> impl Iterator<Item = (f32, f32)> {
-        let near = self.near.windows(3).map(|w| w[0].min(w[1]).min(w[2]));
-        near.zip(self.far.windows(3).map(|w| w[0].max(w[1]).max(w[2])))
-    }
-}
-
-/// The real depth of 3x3 pixels; missing is infinitely far.
-struct Neighbourhood {
-    depth: [[f32; 3]; 3],
-    /// Distance in pixels of columns and rows from the middle one; 0 where the image ends.
-    step_x: [f32; 3],
-    step_y: [f32; 3],
-}
-
-impl Neighbourhood {
-    fn new(depth: &crate::image::Image<f32>, x: usize, y: usize) -> Self {
-        let columns = [x.saturating_sub(1), x, (x + 1).min(depth.width() - 1)];
-        let rows = [y.saturating_sub(1), y, (y + 1).min(depth.height() - 1)];
-        Self {
-            depth: rows.map(|row| {
-                let row = depth.row(row);
-                columns.map(|column| if row[column] > 0.0 { row[column] } else { f32::INFINITY })
-            }),
-            step_x: columns.map(|column| column as f32 - x as f32),
-            step_y: rows.map(|row| row as f32 - y as f32),
-        }
-    }
 }
 
 /// Linear RGBA of the face: base colour times vertex colour times texture.
