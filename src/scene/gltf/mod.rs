@@ -7,6 +7,8 @@ mod accessor;
 mod container;
 mod materials;
 mod primitive;
+#[cfg(test)]
+mod tests;
 
 use super::SceneError;
 use super::error::read_limited;

@@ -3,6 +3,7 @@
 
 mod cover;
 mod project;
+mod real_depth;
 mod resolve;
 #[cfg(test)]
 mod tests;
@@ -16,7 +17,8 @@ use cover::{SampleBlock, cover_solid, cover_with_holes};
 use glam::{Mat3, Vec3};
 use project::{CHUNK_TRIANGLES, Chunk, MAX_CHUNKS, Projector, ScreenPoint, ScreenVertex};
 use rayon::prelude::*;
-use resolve::{DrawnObject, RealRange, Resolver};
+use real_depth::RealRange;
+use resolve::{DrawnObject, Resolver};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -217,7 +219,7 @@ impl Rasteriser {
                 let BandScratch { block, list, real_range } = &mut *scratch;
                 block.clear(columns.clone(), rows);
                 cover_band(&resolver, index, block, list);
-                band.resolve(&resolver, block, real, real_range, index * BAND_ROWS)
+                resolve_band(&mut band, &resolver, block, real, real_range, index * BAND_ROWS)
             })
             .sum();
         DrawReport { objects: self.drawn.len(), pixels, columns, rows }
@@ -318,40 +320,43 @@ impl Band<'_> {
         self.coverage.fill(0.0);
     }
 
-    /// Writes what the samples show; returns the number of pixels whose centre is virtual.
-    fn resolve(
-        &mut self,
-        resolver: &Resolver,
-        block: &SampleBlock,
-        real: &GBuffer,
-        real_range: &mut RealRange,
-        first_row: usize,
-    ) -> usize {
-        let mut count = 0;
-        for y in block.rows.clone() {
-            real_range.set_row(real, y, block.columns.clone());
-            let pixels = block.columns.clone().zip(block.row(y)).zip(real_range.iter());
-            for ((x, (nearness, ids)), range) in pixels {
-                let Some(seen) = resolver.pixel(x, y, nearness, ids, real, range) else {
-                    continue;
-                };
-                let at = (y - first_row) * self.width + x;
-                self.albedo[at] = seen.albedo;
-                self.coverage[at] = seen.coverage;
-                if let Some((depth_m, normal)) = seen.surface {
-                    self.depth_m[at] = depth_m;
-                    self.set_normal(at, normal);
-                    self.origin[at] = Origin::Virtual;
-                    count += 1;
-                }
-            }
-        }
-        count
-    }
-
     fn set_normal(&mut self, at: usize, normal: Vec3) {
         for (plane, value) in self.normal.iter_mut().zip(normal.to_array()) {
             plane[at] = value;
         }
     }
+}
+
+/// Writes what the samples show; returns the number of pixels whose centre is virtual.
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
+    "x86_64+avx2+fma+bmi2"
+))]
+fn resolve_band(
+    band: &mut Band,
+    resolver: &Resolver,
+    block: &SampleBlock,
+    real: &GBuffer,
+    real_range: &mut RealRange,
+    first_row: usize,
+) -> usize {
+    let (mut count, mut last_face) = (0, None);
+    for y in block.rows.clone() {
+        real_range.set_row(real, y, block.columns.clone());
+        let pixels = block.columns.clone().zip(block.row(y)).zip(real_range.iter());
+        for ((x, (nearness, ids)), range) in pixels {
+            let seen = resolver.pixel(x, y, nearness, ids, real, range, &mut last_face);
+            let Some(seen) = seen else { continue };
+            let at = (y - first_row) * band.width + x;
+            band.albedo[at] = seen.albedo;
+            band.coverage[at] = seen.coverage;
+            if let Some((depth_m, normal)) = seen.surface {
+                band.depth_m[at] = depth_m;
+                band.set_normal(at, normal);
+                band.origin[at] = Origin::Virtual;
+                count += 1;
+            }
+        }
+    }
+    count
 }

@@ -2,6 +2,7 @@
 
 use super::cover::{Holes, SAMPLES, sample_offset};
 use super::project::{CHUNK_BITS, CHUNK_TRIANGLES, Chunk, Projector, ScreenVertex};
+use super::real_depth::Neighbourhood;
 use crate::geometry::GBuffer;
 use crate::math::View;
 use crate::scene::model::{Material, Model};
@@ -53,7 +54,8 @@ pub struct Seen {
     pub surface: Option<(f32, Vec3)>,
 }
 
-struct Face<'a> {
+/// A triangle and what shades it.
+pub struct Face<'a> {
     model: &'a Model,
     material: &'a Material,
     indices: [usize; 3],
@@ -142,6 +144,7 @@ impl<'a> Resolver<'a> {
         (chunk as u32) << CHUNK_BITS | triangle
     }
 
+    #[inline(always)]
     fn face(&self, id: u32) -> Face<'a> {
         let chunk = &self.chunks[(id >> CHUNK_BITS) as usize];
         let drawn = &self.drawn[chunk.object];
@@ -162,7 +165,8 @@ impl<'a> Resolver<'a> {
     }
 
     /// What pixel (x, y) shows, given its samples' nearest virtual surfaces and the real depth.
-    /// `real_range` is the least and the largest real depth of the 3x3 pixels.
+    /// `real_range` is the least and the largest real depth of the 3x3 pixels; `last` keeps the face of
+    /// one pixel for the next.
     #[inline(always)]
     pub fn pixel(
         &self,
@@ -172,6 +176,7 @@ impl<'a> Resolver<'a> {
         ids: &[u32; SAMPLES],
         real: &GBuffer,
         real_range: (f32, f32),
+        last: &mut Option<(u32, Face<'a>)>,
     ) -> Option<Seen> {
         let mut covered = 0u8;
         let (mut nearest, mut furthest) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -199,19 +204,26 @@ impl<'a> Resolver<'a> {
         }
         // The centre if it is seen, else any sample that is: never a place off the surface.
         let sample = visible.trailing_zeros() as usize;
-        let face = self.face(ids[sample]);
+        let id = ids[sample];
+        let face = match last {
+            Some((last_id, face)) if *last_id == id => face,
+            last => &last.insert((id, self.face(id))).1,
+        };
         let pixel = Vec2::new(x as f32, y as f32) + sample_offset(sample);
-        let sight = Sight::new(&face, self.projector.perspective, pixel);
-        let surface = (sample == 0).then(|| {
+        let sight = Sight::new(face, self.projector.perspective, pixel);
+        let surface = if sample == 0 {
             let depths = Vec3::from(face.corners.map(|c| c.z));
             let depth = sight.as_ref().map_or(0.0, |s| s.inside().dot(depths));
             let depth = if depth > 0.0 { depth } else { self.depth(nearness[0]) };
-            (depth, self.normal(&face, sight.as_ref(), pixel))
-        });
-        let [r, g, b, _] = color(&face, sight.as_ref());
+            Some((depth, self.normal(face, sight.as_ref(), pixel)))
+        } else {
+            None
+        };
+        let [r, g, b, _] = color(face, sight.as_ref());
         let coverage = visible.count_ones() as f32 / SAMPLES as f32;
-        // max first: NaN from a file becomes 0
-        Some(Seen { coverage, albedo: [r, g, b].map(|c| c.max(0.0).min(1.0)), surface })
+        // NaN from a file becomes 0
+        let albedo = [r, g, b].map(|c| if c > 0.0 { c.min(1.0) } else { 0.0 });
+        Some(Seen { coverage, albedo, surface })
     }
 
     /// Which of the covered samples lie in front of the real surface. Missing depth is far away.
@@ -321,70 +333,6 @@ fn interpolated(values: &[[f32; 3]; 3], sample: usize) -> f32 {
     let near = values[1][1] + tx * (values[1][i] - values[1][1]);
     let far = values[j][1] + tx * (values[j][i] - values[j][1]);
     near + ty * (far - near)
-}
-
-/// Least and largest real depth around each pixel of a row.
-#[derive(Debug, Default)]
-pub struct RealRange {
-    /// Of three rows, from one column before the first to one after the last.
-    near: Vec<f32>,
-    far: Vec<f32>,
-}
-
-impl RealRange {
-    pub fn set_row(&mut self, real: &GBuffer, y: usize, columns: std::ops::Range<usize>) {
-        let depth = &real.depth_m;
-        let (width, height) = (depth.width(), depth.height());
-        let padded = columns.start.saturating_sub(1)..(columns.end + 1).min(width);
-        let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)]
-            .map(|row| &depth.row(row)[padded.clone()]);
-        let known = |d: f32| if d > 0.0 { d } else { f32::INFINITY };
-        self.near.clear();
-        self.far.clear();
-        for i in 0..padded.len() {
-            let [a, b, c] = [known(rows[0][i]), known(rows[1][i]), known(rows[2][i])];
-            self.near.push(a.min(b).min(c));
-            self.far.push(a.max(b).max(c));
-        }
-        // The image ends with its last column: repeat it, so that every pixel has two neighbours.
-        for list in [&mut self.near, &mut self.far] {
-            if columns.start == 0 {
-                list.insert(0, list[0]);
-            }
-            if columns.end == width {
-                list.push(list[list.len() - 1]);
-            }
-        }
-    }
-
-    /// For the columns of the last row set, in order.
-    pub fn iter(&self) -> impl Iterator<Item = (f32, f32)> {
-        let near = self.near.windows(3).map(|w| w[0].min(w[1]).min(w[2]));
-        near.zip(self.far.windows(3).map(|w| w[0].max(w[1]).max(w[2])))
-    }
-}
-
-/// The real depth of 3x3 pixels; missing is infinitely far.
-struct Neighbourhood {
-    depth: [[f32; 3]; 3],
-    /// Distance in pixels of columns and rows from the middle one; 0 where the image ends.
-    step_x: [f32; 3],
-    step_y: [f32; 3],
-}
-
-impl Neighbourhood {
-    fn new(depth: &crate::image::Image<f32>, x: usize, y: usize) -> Self {
-        let columns = [x.saturating_sub(1), x, (x + 1).min(depth.width() - 1)];
-        let rows = [y.saturating_sub(1), y, (y + 1).min(depth.height() - 1)];
-        Self {
-            depth: rows.map(|row| {
-                let row = depth.row(row);
-                columns.map(|column| if row[column] > 0.0 { row[column] } else { f32::INFINITY })
-            }),
-            step_x: columns.map(|column| column as f32 - x as f32),
-            step_y: rows.map(|row| row as f32 - y as f32),
-        }
-    }
 }
 
 /// Linear RGBA of the face: base colour times vertex colour times texture.
