@@ -542,7 +542,8 @@ fn redrawing_touched_rows_equals_drawing_all() {
 fn time_raster() {
     let (vga, side) = (pinhole(640, 480), ortho(256, 256, 128.0));
     for (name, stacks, view) in [
-        ("20k triangles, 640x480", 71, vga),
+        ("20k triangles over a fifth of 640x480", 71, vga),
+        ("20k triangles over two thirds of 640x480", 71, vga),
         ("20k triangles, 256x256 orthographic", 71, side),
         ("1M triangles, 640x480", 500, vga),
         ("2 triangles over all of 640x480", 0, vga),
@@ -552,10 +553,10 @@ fn time_raster() {
         let (object, z) = match (stacks, name.starts_with("nothing")) {
             (0, true) => (sheet(3.0), -1.0),
             (0, false) => (sheet(3.0), if name.contains("wall") { 1.0 } else { 0.8 }),
-            (stacks, _) => (sphere(0.3, stacks), 0.7),
+            (stacks, _) => (sphere(0.3, stacks), if name.contains("thirds") { 0.7 } else { 1.2 }),
         };
         let scene = VirtualScene::from_objects([at(object, Vec3::new(0.0, 0.0, z))]);
-        let real = wall(view, 1.0);
+        let real = wall(view, if stacks > 0 { 2.0 } else { 1.0 });
         let (mut merged, mut layer) = (GBuffer::empty(view), VirtualLayer::default());
         let mut rasteriser = Rasteriser::default();
         let mut draw = |threads| {
