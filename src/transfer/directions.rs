@@ -7,6 +7,9 @@ use crate::math::sh;
 use glam::{DQuat, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 
+/// The shortest sample distance, as a share of the radius.
+const NEAREST: f64 = 0.025;
+
 /// Pixels that a kernel treats at once.
 pub(super) const LANES: usize = 16;
 
@@ -193,12 +196,18 @@ fn tiled_distances(params: &TransferParams) -> Vec<f32> {
                     let stratum = cell_order(row, column % tile, tile);
                     let within = 1.0 - (base + stratum as f64 / cells).fract();
                     let share = (sample as f64 + within) / params.samples as f64;
-                    out.push((f64::from(params.radius_m) * share) as f32);
+                    out.push(distance(share, f64::from(params.radius_m)) as f32);
                 }
             }
         }
     }
     out
+}
+
+/// Distances grow geometrically from a fortieth of the radius: as many samples between 5 and 10 cm as
+/// between 50 cm and 1 m, since a small thing nearby hides as much as a large one far off.
+fn distance(share: f64, radius_m: f64) -> f64 {
+    radius_m * NEAREST.powf(1.0 - share)
 }
 
 /// Which stratum a cell takes: neighbours along both axes lie far apart.
