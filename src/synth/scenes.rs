@@ -154,7 +154,7 @@ fn room() -> Scene {
     ));
     let wall = Material::diffuse(0.50, 0.50, 0.46);
     scene.objects.push(wall_behind(1.05, 4.0, wall.clone()));
-    scene.objects.push(Object::new(Shape::block(0.04, 4.0, 3.0), wall, vec3(-1.35, 0.0, 1.0)));
+    scene.objects.push(Object::new(Shape::block(0.04, 4.0, 3.0), wall, vec3(-1.72, 0.0, 1.0)));
     scene.objects.extend(picture(vec3(0.55, 1.03, 0.72), 0.5, 0.38));
     scene.objects.extend(low_table());
     scene.objects.extend(shelf(vec3(-0.62, 0.90, -0.42)));

@@ -192,3 +192,58 @@ fn frame_0_lands_on_frame_k_by_the_written_poses() {
     assert!(errors[checked / 2] < 0.004, "{}", errors[checked / 2]);
     assert!(errors[checked * 9 / 10] < 0.015, "{}", errors[checked * 9 / 10]);
 }
+
+/// `light.json` of a tiny sequence.
+fn light_of(options: &SynthOptions) -> serde_json::Value {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let tiny = SynthOptions { frames: 1, width: 8, height: 6, samples: 1, ..options.clone() };
+    generate(&tiny, folder.path(), &|_, _| {}).expect("a free folder");
+    let text = fs::read_to_string(folder.path().join("light.json")).expect("light.json");
+    serde_json::from_str(&text).expect("JSON")
+}
+
+fn direction(light: &serde_json::Value, name: &str) -> Vec3A {
+    let v = light["segments"][0][name].as_array().expect("a direction");
+    Vec3A::from_array(std::array::from_fn(|i| v[i].as_f64().expect("a number") as f32))
+}
+
+#[test]
+fn four_lights_stand_60_degrees_apart_and_the_file_says_so() {
+    let horizontal: Vec<Vec3A> = (0..4)
+        .map(|index| {
+            let light = light_of(&SynthOptions { light: Some(index), ..options("sphere") });
+            assert_eq!(light["segments"][0]["strongest_light"], format!("light_{index}"));
+            let towards = direction(&light, "dominant_direction");
+            // band 1 of what the sources send agrees: ambient light is even, the lamp is square
+            assert!(towards.dot(direction(&light, "dominant_direction_sh")) > 0.9999);
+            assert!((towards.z - 50f32.to_radians().sin()).abs() < 1e-4);
+            Vec3A::new(towards.x, towards.y, 0.0).normalize()
+        })
+        .collect();
+    assert!(horizontal[0].dot(-Vec3A::X) > 0.9999 && horizontal[3].dot(Vec3A::X) > 0.9999);
+    for pair in horizontal.windows(2) {
+        assert!((pair[0].dot(pair[1]) - 0.5).abs() < 1e-4 && pair[1].y < 1e-4);
+    }
+}
+
+#[test]
+fn an_environment_from_a_file_lights_the_scene() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("sky.hdr");
+    // bright at the zenith alone
+    let sky = image::Rgb32FImage::from_fn(16, 8, |_, y| {
+        image::Rgb(if y == 0 { [50.0, 40.0, 30.0] } else { [0.1, 0.1, 0.1] })
+    });
+    image::DynamicImage::ImageRgb32F(sky).save(&path).expect("an encodable picture");
+    let light = light_of(&SynthOptions { environment: Some(path), ..options("sphere") });
+    assert_eq!(light["environment"], "lat-long");
+    let ambient: Vec<f64> =
+        serde_json::from_value(light["segments"][0]["sh_ambient"].clone()).expect("numbers");
+    // Cap of pi / 8 around +z: 2 pi (1 - cos) sr; shared exponents keep 1 part in 256.
+    let cap = 2.0 * std::f64::consts::PI * (1.0 - (std::f64::consts::PI / 8.0).cos());
+    let rest = 4.0 * std::f64::consts::PI - cap;
+    let luminance = 0.2126 * 50.0 + 0.7152 * 40.0 + 0.0722 * 30.0;
+    let expected = 0.9 * 0.282_095 * (luminance * cap + 0.1 * rest);
+    assert!((ambient[0] / expected - 1.0).abs() < 0.01, "{} {expected}", ambient[0]);
+    assert!(ambient[2] > 0.0 && ambient[1].abs() < 1e-6 && ambient[3].abs() < 1e-6);
+}
