@@ -206,20 +206,21 @@ impl TumWriter {
     /// Adds a frame.
     ///
     /// # Errors
-    /// A picture does not have the camera's size, or cannot be written.
+    /// A picture does not have the camera's size, or cannot be written; a second depth picture is
+    /// missing or unexpected.
     pub fn push(&mut self, frame: &FrameRef) -> Result<(), CaptureError> {
-        self.check_sizes(frame)?;
+        self.check(frame)?;
         let time = format!("{:.6}", frame.timestamp_s);
         let color = format!("rgb/{time}.{}", self.color_format.extension());
         let path = self.folder.join(&color);
         let bytes = self.color_format.encode(frame.color).map_err(|e| image_error(&path, e))?;
         write_whole(&path, &bytes)?;
-        let depth = self.write_depth("depth", &time, frame.depth_m)?;
-        if let (Some((name, _)), Some(depth_m)) = (&self.second_depth, frame.second_depth_m) {
-            let second = self.write_depth(&name.clone(), &time, depth_m)?;
-            if let Some((_, list)) = &mut self.second_depth {
-                list.add(&format!("{time} {second}"))?;
-            }
+        let compression = self.depth_compression;
+        let depth = write_depth(&self.folder, "depth", &time, frame.depth_m, compression)?;
+        if let (Some((name, list)), Some(second_m)) = (&mut self.second_depth, frame.second_depth_m)
+        {
+            let second = write_depth(&self.folder, name, &time, second_m, compression)?;
+            list.add(&format!("{time} {second}"))?;
         }
         if let Some(pose) = frame.world_from_camera {
             if self.poses.is_none() {
@@ -246,7 +247,11 @@ impl TumWriter {
         Ok(self.frames)
     }
 
-    fn check_sizes(&self, frame: &FrameRef) -> Result<(), CaptureError> {
+    fn check(&self, frame: &FrameRef) -> Result<(), CaptureError> {
+        if frame.second_depth_m.is_some() != self.second_depth.is_some() {
+            let problem = "a second depth picture must come with every frame or with none".into();
+            return Err(CaptureError::Frame { frame: self.frames, problem });
+        }
         let expected = self.camera.size();
         let sizes = [
             ("colour", Some(frame.color.size())),
@@ -261,20 +266,21 @@ impl TumWriter {
         }
         Ok(())
     }
+}
 
-    fn write_depth(
-        &self,
-        folder: &str,
-        time: &str,
-        depth_m: &Image<f32>,
-    ) -> Result<String, CaptureError> {
-        let name = format!("{folder}/{time}.png");
-        let path = self.folder.join(&name);
-        let bytes =
-            encode_depth(depth_m, self.depth_compression).map_err(|e| image_error(&path, e))?;
-        write_whole(&path, &bytes)?;
-        Ok(name)
-    }
+/// Writes `folder/name/time.png`; returns the name relative to `folder`.
+fn write_depth(
+    folder: &Path,
+    name: &str,
+    time: &str,
+    depth_m: &Image<f32>,
+    compression: DepthCompression,
+) -> Result<String, CaptureError> {
+    let file = format!("{name}/{time}.png");
+    let path = folder.join(&file);
+    let bytes = encode_depth(depth_m, compression).map_err(|e| image_error(&path, e))?;
+    write_whole(&path, &bytes)?;
+    Ok(file)
 }
 
 const DEPTH_HEADER: &str = "timestamp filename (16-bit PNG, z-depth, 5000 per metre, 0 = none)";
@@ -364,6 +370,30 @@ mod tests {
         assert_eq!(back.into_luma16().into_raw(), steps);
         let left = fs::read_dir(folder.path().join("rgb")).expect("a folder").count();
         assert_eq!(left, 3, "no temporary file stays");
+    }
+
+    #[test]
+    fn second_depth_has_a_folder_and_list_of_its_own() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let mut out = writer(folder.path()).with_second_depth("depth_noisy").expect("a folder");
+        let size = Size::new(7, 5);
+        let (color, depth_m) = (Image::new(size, [9; 3]), Image::new(size, 2.0));
+        let second = Image::new(size, 2.1);
+        let mut frame = FrameRef {
+            timestamp_s: 7.5,
+            color: &color,
+            depth_m: &depth_m,
+            second_depth_m: Some(&second),
+            world_from_camera: None,
+        };
+        out.push(&frame).expect("room on the disk");
+        frame.second_depth_m = None;
+        assert!(out.push(&frame).is_err(), "a frame without its second depth");
+        let list = fs::read_to_string(folder.path().join("depth_noisy.txt")).expect("a list");
+        assert_eq!(list.lines().nth(1), Some("7.500000 depth_noisy/7.500000.png"));
+        let back = image::open(folder.path().join("depth_noisy/7.500000.png")).expect("a PNG");
+        assert!(back.into_luma16().into_raw().iter().all(|&d| d == 10_500));
+        assert!(!folder.path().join("groundtruth.txt").exists());
     }
 
     #[test]

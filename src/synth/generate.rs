@@ -76,7 +76,7 @@ impl SynthOptions {
         Self {
             samples: 32,
             kinect_noise: true,
-            color: ColorFormat::Jpeg(88),
+            color: ColorFormat::Jpeg(85),
             small_depth: true,
             with_virtual: true,
             virtual_every: 20,

@@ -5,8 +5,9 @@
 //! scenes -> Scene -> World (one moment) -> tracer -> colour, exact depth -> kinect -> TumWriter
 //! ```
 //!
-//! Pictures depend on the options alone: every sample is seeded by seed, frame, pixel and index,
-//! so the number of threads does not matter.
+//! Files depend on the options alone: every sample is seeded by seed, frame, pixel and index, so
+//! the number of threads does not matter. The system's mathematical library has a small part in
+//! them (sRGB encoding, sensor noise), so two systems may differ by a step in a few pixels.
 
 pub mod bvh;
 mod generate;
@@ -15,6 +16,7 @@ pub mod kinect;
 pub mod light;
 pub mod material;
 pub mod mesh;
+mod props;
 pub mod sampler;
 pub mod scene;
 pub mod scenes;
@@ -23,6 +25,8 @@ pub mod tracer;
 pub mod truth;
 pub mod virtual_object;
 
+#[cfg(test)]
+mod sequence_tests;
 #[cfg(test)]
 mod tests;
 

@@ -194,7 +194,8 @@ pub fn virtual_json(scene: &Scene, composites: &[(usize, f64)]) -> Value {
     out["timestamps"] = composites.iter().map(|&(_, t)| json!(format!("{t:.6}"))).collect();
     out["note"] = json!(
         "world frame of groundtruth.txt; Lambertian; composite/<t> is path traced with the object, \
-         rgb/<t> without it, same light and exposure; composite/<t>.mask.png marks its pixels"
+         rgb/<t> without it, same light and exposure; composite/<t>.mask.png \
+         marks its pixels, composite/<t>.depth.png is the depth with it"
     );
     out
 }
