@@ -7,9 +7,6 @@ use crate::math::sh;
 use glam::{DQuat, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 
-/// The shortest sample distance, as a share of the radius.
-const NEAREST: f64 = 0.025;
-
 /// Pixels that a kernel treats at once.
 pub(super) const LANES: usize = 16;
 
@@ -178,7 +175,8 @@ fn median_neighbour_angle(points: &[DVec3]) -> Option<f64> {
     Some((angles[half] + angles[(angles.len() - 1) / 2]) / 2.0)
 }
 
-/// Distances in (0, radius]: stratified over the tile in each direction, and of low discrepancy
+/// Distances in (nearest, radius], growing geometrically: as many samples between 5 and 10 cm as
+/// between 50 cm and 1 m, since a small thing nearby hides as much as a large one far off. Stratified over the tile in each direction, and of low discrepancy
 /// over the directions in each pixel.
 ///
 /// Direction k has a fraction of k sqrt(2) (the lattice's azimuth uses up the golden ratio); each
@@ -186,6 +184,7 @@ fn median_neighbour_angle(points: &[DVec3]) -> Option<f64> {
 fn tiled_distances(params: &TransferParams) -> Vec<f32> {
     let tile = params.jitter_tile;
     let cells = (tile * tile) as f64;
+    let (nearest_m, radius_m) = (f64::from(params.nearest_m), f64::from(params.radius_m));
     let start = f64::from(unit_f32(hash(params.seed ^ 0x5bd1_e995)));
     let mut out = Vec::with_capacity(tile * params.directions * params.samples * (tile + LANES));
     for row in 0..tile {
@@ -196,18 +195,13 @@ fn tiled_distances(params: &TransferParams) -> Vec<f32> {
                     let stratum = cell_order(row, column % tile, tile);
                     let within = 1.0 - (base + stratum as f64 / cells).fract();
                     let share = (sample as f64 + within) / params.samples as f64;
-                    out.push(distance(share, f64::from(params.radius_m)) as f32);
+                    let distance = nearest_m.powf(1.0 - share) * radius_m.powf(share);
+                    out.push(distance as f32);
                 }
             }
         }
     }
     out
-}
-
-/// Distances grow geometrically from a fortieth of the radius: as many samples between 5 and 10 cm as
-/// between 50 cm and 1 m, since a small thing nearby hides as much as a large one far off.
-fn distance(share: f64, radius_m: f64) -> f64 {
-    radius_m * NEAREST.powf(1.0 - share)
 }
 
 /// Which stratum a cell takes: neighbours along both axes lie far apart.

@@ -84,7 +84,8 @@ pub struct TransferParams {
     /// Samples along each direction, 1 (the paper's) to 16, each in its part of the radius. The surface
     /// that fits the direction best counts.
     pub samples: usize,
-    /// Samples lie at up to this distance from the surface.
+    /// Samples lie at this distance from the surface at least, and at most.
+    pub nearest_m: f32,
     pub radius_m: f32,
     /// Transfer is computed on every n-th pixel in x and y, 1 to 64.
     pub subsampling: usize,
@@ -102,6 +103,7 @@ impl Default for TransferParams {
             bands: 4,
             directions: 32,
             samples: 2,
+            nearest_m: 0.025,
             radius_m: 1.0,
             subsampling: 1,
             chi: ChiReading::default(),
@@ -143,6 +145,12 @@ impl TransferParams {
         )?;
         allowed((1..=16).contains(&self.samples), "transfer.samples", &self.samples, "1 to 16")?;
         allowed(positive(self.radius_m), "transfer.radius_m", &self.radius_m, "positive")?;
+        allowed(
+            positive(self.nearest_m) && self.nearest_m <= self.radius_m,
+            "transfer.nearest_m",
+            &self.nearest_m,
+            "positive, at most radius_m",
+        )?;
         allowed(
             (1..=64).contains(&self.subsampling),
             "transfer.subsampling",
