@@ -5,8 +5,24 @@
 //! model picture ──────────────────────────────────┴─> registration ─> judgement ─> state, pose
 //!                                                       (association, 6x6 sums, solve)
 //! ```
+//!
+//! Choices that the paper leaves open:
+//! - Partners are looked up in the full-size model picture at every level; the frame alone has a pyramid.
+//!   Alignment is computed in the axes of the model's view, so the distance from the world's origin costs
+//!   no precision.
+//! - Pairs weigh by the inverse variance of a Kinect's depth noise, with a Huber limit. Without the
+//!   noise weights the error per frame grows by 15 to 30 %; the Huber limit hardly matters beside the
+//!   distance gate.
+//! - The next pose is guessed by constant velocity. At full rate it changes nothing; at every 8th frame of a
+//!   hand-held recording all frames are tracked instead of half of them.
+//! - Success is judged by the share of those pixels that *fall on the map*, so that looking at new places
+//!   is no fault. On real recordings right alignments have a share of 0.6 to 0.95, wrong ones below 0.5;
+//!   the RMS does not tell them apart (7 mm occurs in both).
+//! - Right alignments of real recordings have conditions up to 1400, a noisy wall at 1.5 m above 10 000
+//!   once ten frames are averaged (at 2.5 m 5000 after thirty): hence `min_eigenvalue_ratio`.
 
 mod bilateral;
+mod judgement;
 mod keyframes;
 mod normal_equations;
 mod padded;

@@ -102,9 +102,10 @@ pub(super) struct ModelView<'a> {
 }
 
 impl<'a> ModelView<'a> {
-    /// `camera` is the perspective projection of `model`.
+    /// `camera` is the perspective projection of `model`, which has pixels.
     pub fn new(model: &'a GBuffer, camera: Pinhole) -> Self {
         let normals = &model.normals;
+        assert!(camera.size().pixels() > 0, "model picture without pixels");
         assert_eq!(camera.size(), model.size(), "model picture");
         assert_eq!(camera.size(), normals.size(), "model normals");
         let rotation = model.view.world_from_view.rotation.inverse().to_rotation_matrix();
@@ -267,8 +268,8 @@ fn associate(
     let mut model_depth = [0f32; LANES];
     let mut world_normal = [[0f32; LANES]; 3];
     for i in 0..LANES {
-        // SAFETY: column and row are inside the model's picture, whose planes all have its size
-        // (asserted in `ModelView::new`).
+        // SAFETY: column and row are inside the model's picture, which has pixels and whose planes
+        // all have its size (asserted in `ModelView::new`).
         unsafe {
             model_depth[i] = *model.depth_m.get_unchecked(index[i] as usize);
             for axis in 0..3 {

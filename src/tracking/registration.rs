@@ -49,7 +49,7 @@ impl Effort {
 }
 
 /// Aligns the frame in `pyramid` with `model`, starting from `guess` (`world_from_camera`).
-/// `None` where the model is not a perspective picture, or the frame has no pixels.
+/// `None` where the model is not a perspective picture, or one of the two has no pixels.
 pub(super) fn align(
     pyramid: &Pyramid,
     model: &GBuffer,
@@ -59,6 +59,9 @@ pub(super) fn align(
     reduction: &mut Reduction,
 ) -> Option<Fit> {
     let Projection::Perspective(camera) = model.view.projection else { return None };
+    if camera.size().pixels() == 0 {
+        return None;
+    }
     let finest = pyramid.levels.first()?;
     let model_view = ModelView::new(model, camera);
     let gates = Gates::new(params, effort.reach);

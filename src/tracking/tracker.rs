@@ -1,5 +1,6 @@
 //! From frame to pose: the states of the camera and what leads from one to the other.
 
+use super::judgement::{Verdict, judge};
 use super::keyframes::{Keyframes, Thumbnail};
 use super::normal_equations::Reduction;
 use super::pyramid::Pyramid;
@@ -14,9 +15,6 @@ const CANDIDATES: usize = 3;
 
 /// Less depth than this is a covered lens or a blind sensor.
 const MIN_VALID_SHARE: f32 = 0.02;
-
-/// A share below this part of its limit is not only poor but wrong.
-const LOST_SHARE: f32 = 0.7;
 
 /// A model picture taken this far from the guess is replaced by one from there.
 const STALE_M: f64 = 0.25;
@@ -53,13 +51,6 @@ pub struct Tracker {
     placed: bool,
     /// Poorly aligned frames in a row.
     degraded_frames: usize,
-}
-
-/// What one frame came to, before the states are looked at.
-enum Verdict {
-    Good(Fit),
-    Poor(Fit, TrackingIssue),
-    Bad(Option<Fit>, TrackingIssue),
 }
 
 impl Tracker {
@@ -167,8 +158,8 @@ impl Tracker {
         };
         self.place(frame);
         let guess = self.guess();
-        let fit = self.fit(model, &guess, Effort::NORMAL, render);
-        let verdict = self.judge(fit, Some(&self.world_from_camera));
+        let fit = self.fit(model, &guess, render);
+        let verdict = judge(fit, Some(&self.world_from_camera), &self.params);
         match (self.state, verdict) {
             (TrackingState::Lost, Verdict::Good(fit)) => {
                 self.accept(frame, fit, TrackingState::Relocalising, None)
@@ -209,15 +200,14 @@ impl Tracker {
         &mut self,
         model: &GBuffer,
         guess: &Pose,
-        effort: Effort,
         render: &mut dyn FnMut(&View, &mut GBuffer),
     ) -> Option<Fit> {
         let away = guess.inverse() * model.view.world_from_view;
         let near = away.translation.vector.norm() < STALE_M && away.rotation.angle() < STALE_RAD;
         if near && model.view.is_perspective() {
-            align(&self.pyramid, model, guess, &self.params, effort, &mut self.reduction)
+            align(&self.pyramid, model, guess, &self.params, Effort::NORMAL, &mut self.reduction)
         } else {
-            self.fit_rendered(guess, effort, render)
+            self.fit_rendered(guess, Effort::NORMAL, render)
         }
     }
 
@@ -235,8 +225,8 @@ impl Tracker {
         align(&self.pyramid, model, guess, &self.params, effort, &mut self.reduction)
     }
 
-    /// Tries the keyframes that look most like this frame: a wide alignment, and where that is
-    /// promising a normal one with the map as seen from there.
+    /// Tries the keyframes that look most like this frame: a wide alignment, then a normal one with the
+    /// map as seen from where that led. The best supported pose is taken.
     fn relocalise(
         &mut self,
         frame: &RgbdFrame,
@@ -248,7 +238,7 @@ impl Tracker {
         for candidate in self.keyframes.most_similar(&thumbnail, CANDIDATES) {
             let Some(rough) = self.fit_rendered(&candidate, Effort::WIDE, render) else { continue };
             let fit = self.fit_rendered(&rough.world_from_camera, Effort::NORMAL, render);
-            match self.judge(fit, None) {
+            match judge(fit, None, &self.params) {
                 Verdict::Good(fit) => {
                     let better = best.is_none_or(|b| fit.support() > b.support());
                     best = if better { Some(fit) } else { best };
@@ -259,42 +249,6 @@ impl Tracker {
         match best {
             Some(fit) => self.accept(frame, fit, TrackingState::Relocalising, None),
             None => self.lose(frame, None, why),
-        }
-    }
-
-    /// `before` is the pose of the frame before, where the motion since then is to be plausible.
-    fn judge(&self, fit: Option<Fit>, before: Option<&Pose>) -> Verdict {
-        let params = &self.params;
-        let Some(fit) = fit.filter(|fit| fit.overlap > 0.0) else {
-            return Verdict::Bad(fit, TrackingIssue::NoModel);
-        };
-        let step = before.map_or_else(Pose::identity, |b| b.inverse() * fit.world_from_camera);
-        let (metres, radians) = (step.translation.vector.norm(), step.rotation.angle());
-        let implausible =
-            metres > f64::from(params.max_step_m) || radians > f64::from(params.max_step_rad);
-        let overlap = TrackingIssue::LittleOverlap { share: fit.overlap };
-        let inliers = TrackingIssue::FewInliers { share: fit.inlier_share };
-        let residual = TrackingIssue::LargeResidual { rms_m: fit.rms_m };
-        if implausible {
-            let (translation_m, rotation_rad) = (metres as f32, radians as f32);
-            let issue = TrackingIssue::ImplausibleMotion { translation_m, rotation_rad };
-            Verdict::Bad(Some(fit), issue)
-        } else if fit.overlap < LOST_SHARE * params.min_overlap {
-            Verdict::Bad(Some(fit), overlap)
-        } else if fit.inlier_share < LOST_SHARE * params.min_inlier_share {
-            Verdict::Bad(Some(fit), inliers)
-        } else if fit.rms_m > 2.0 * params.max_rms_m {
-            Verdict::Bad(Some(fit), residual)
-        } else if fit.overlap < params.min_overlap {
-            Verdict::Poor(fit, overlap)
-        } else if fit.inlier_share < params.min_inlier_share {
-            Verdict::Poor(fit, inliers)
-        } else if fit.rms_m > params.max_rms_m {
-            Verdict::Poor(fit, residual)
-        } else if fit.rank < 6 {
-            Verdict::Poor(fit, TrackingIssue::Underconstrained { rank: fit.rank })
-        } else {
-            Verdict::Good(fit)
         }
     }
 
