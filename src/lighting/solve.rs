@@ -169,7 +169,12 @@ mod tests {
         let mut gram = [0.0; 81];
         (0..9).for_each(|i| gram[i * 10] = 2.0);
         let equations = equations(&gram, &[1.0; 9]);
-        let params = LightParams { tikhonov: 0.5, band_power: 2.0, ..LightParams::default() };
+        let params = LightParams {
+            prior: LightPrior::Dark,
+            tikhonov: 0.5,
+            band_power: 2.0,
+            ..LightParams::default()
+        };
         let found = solve(&equations, &Prior::new(&equations, &params));
         // the mean eigenvalue is 2: penalties are 1 in bands 0 and 1, (6 / 2)^2 in band 2
         for (i, l) in found.light[0].iter().enumerate() {
