@@ -1,0 +1,192 @@
+//! Every stage at 640x480 with 256 voxels a side, on the demo sequence, beside what the machine can
+//! do at most. Run from the project's folder: `cargo bench --bench stages`.
+//!
+//! Each benchmark counts the bytes that must move, or the f32 additions, multiplications and
+//! comparisons that must be made, if nothing but the result's definition were to be obeyed. That
+//! count over the rate measured by `machine::copy_bandwidth` or `machine::operation_rate` is the
+//! stage's floor; the quotient of the two throughputs that are printed is how far away it is.
+
+mod fixture;
+mod machine;
+
+use divan::Bencher;
+use divan::counter::{BytesCount, ItemsCount};
+use fixture::{FIXTURE, FrameStages, GBUFFER_BYTES, LitStep, TSDF_BYTES, VOXEL_BYTES};
+use kinlight::capture::{InputStage, RgbdFrame};
+use kinlight::compositing::{CompositingStage, VirtualLayer};
+use kinlight::geometry::{DynGeo, GBuffer};
+use kinlight::image::Image;
+use kinlight::lighting::LightEstimator;
+use kinlight::scene::Rasteriser;
+use kinlight::tracking::Tracker;
+use kinlight::transfer::{IndirectMap, TransferMap};
+
+fn main() {
+    divan::main();
+}
+
+/// Read: colour (3 B) and depth (4 B). Written: depth (4 B), linear colour (12 B), intensity (4 B).
+#[divan::bench]
+fn input(bencher: Bencher) {
+    let fixture = &*FIXTURE;
+    let mut stage = InputStage::new(&fixture.settings.input);
+    let mut out = RgbdFrame::default();
+    bencher
+        .counter(BytesCount::new(fixture.pixels() * 27))
+        .with_inputs(|| fixture.raw.clone())
+        .bench_local_values(|raw| stage.prepare(raw, &mut out));
+}
+
+/// Bilateral filter of 7x7 taps, 8 operations each: difference, square, 3 for an exponential that is
+/// a polynomial or table, product with the value, two sums. Then the iterations that this frame
+/// takes at the finest level, per pixel: transform of point and normal (33), projection (6), residual
+/// and gates (20), cross product (9), 27 sums of products (54).
+#[divan::bench]
+fn reconstruct_tracking(bencher: Bencher) {
+    const FILTER: usize = 49 * 8;
+    const ITERATION: usize = 33 + 6 + 20 + 9 + 54;
+    let fixture = &*FIXTURE;
+    let mut tracker = Tracker::new(&fixture.settings.tracking, fixture.camera);
+    let iterations = fixture.finest_iterations();
+    bencher
+        .counter(ItemsCount::new(fixture.pixels() * (FILTER + iterations * ITERATION)))
+        .bench_local(|| fixture.track(&mut tracker));
+}
+
+/// The blocks that the band around this depth passes through (distance, weight and colour) are read
+/// and written, depth (4 B) and colour (3 B) are read. Blocks of older frames that it sees are not
+/// counted.
+#[divan::bench]
+fn reconstruct_integrate(bencher: Bencher) {
+    let fixture = &*FIXTURE;
+    let mut volume = fixture.fused();
+    let bytes = fixture.band_voxels() * 2 * VOXEL_BYTES + fixture.pixels() * 7;
+    bencher.counter(BytesCount::new(bytes)).bench_local(|| {
+        volume.integrate(&fixture.frame, &fixture.view).expect("a frame of the view's size");
+    });
+}
+
+/// The distances near this frame's surfaces are read once, the geometry buffer is written.
+#[divan::bench]
+fn surface_main(bencher: Bencher) {
+    let fixture = &*FIXTURE;
+    let volume = fixture.fused();
+    let mut out = GBuffer::empty(fixture.view);
+    let bytes = fixture.band_voxels() * TSDF_BYTES + fixture.pixels() * GBUFFER_BYTES;
+    bencher.counter(BytesCount::new(bytes)).bench_local(|| volume.raycast(&fixture.view, &mut out));
+}
+
+/// The left auxiliary view, 256x256; counted as the main view.
+#[divan::bench]
+fn surface_side(bencher: Bencher) {
+    let fixture = &*FIXTURE;
+    let volume = fixture.fused();
+    let view = fixture.stages.auxiliary[0].view;
+    let mut out = GBuffer::empty(view);
+    let bytes = fixture.band_voxels() * TSDF_BYTES + view.size().pixels() * GBUFFER_BYTES;
+    bencher.counter(BytesCount::new(bytes)).bench_local(|| volume.raycast(&view, &mut out));
+}
+
+/// D': one comparison of sensor and model (4). D'': 25 taps of the guide (difference, magnitude,
+/// comparison) and the best known median network of 25 values (99 exchanges, a minimum and a maximum
+/// each). D''': that of 9 values (19 exchanges). Normals are not counted, nor holes.
+#[divan::bench]
+fn dyn_geo(bencher: Bencher) {
+    const PER_PIXEL: usize = 4 + 25 * 3 + 99 * 2 + 19 * 2;
+    let fixture = &*FIXTURE;
+    let mut stage = DynGeo::new(&fixture.settings.dyn_geo);
+    let mut out = GBuffer::empty(fixture.view);
+    bencher
+        .counter(ItemsCount::new(fixture.pixels() * PER_PIXEL))
+        .bench_local(|| stage.run(&fixture.frame, &fixture.model, &mut out));
+}
+
+/// For each point with a surface: half of the directions x samples x geometry buffers look-ups, see
+/// [`fixture::LOOK_UP_OPERATIONS`]. What a hidden sample costs beyond its look-up is not counted.
+#[divan::bench(args = [1, 4])]
+fn transfer_real(bencher: Bencher, step: usize) {
+    let fixture = &*FIXTURE;
+    let FrameStages { real, auxiliary, .. } = &fixture.stages;
+    let mut stage = fixture.radiance_transfer(step);
+    let mut out = TransferMap::default();
+    let points = fixture.lit(step).points;
+    bencher
+        .counter(ItemsCount::new(points * fixture.operations_per_point()))
+        .bench_local(|| stage.transfer(real, auxiliary, &mut out));
+}
+
+/// The same for the points whose transfer virtual objects change, and for no other.
+#[divan::bench(args = [1, 4])]
+fn transfer_with_virtual(bencher: Bencher, step: usize) {
+    let fixture = &*FIXTURE;
+    let FrameStages { real, auxiliary, merged, merged_auxiliary, .. } = &fixture.stages;
+    let LitStep { real_transfer, changed_points, .. } = fixture.lit(step);
+    let mut stage = fixture.radiance_transfer(step);
+    let mut out = TransferMap::default();
+    bencher.counter(ItemsCount::new(changed_points * fixture.operations_per_point())).bench_local(
+        || {
+            stage.transfer_with_virtual(
+                (real, auxiliary),
+                (merged, merged_auxiliary),
+                real_transfer,
+                &mut out,
+            );
+        },
+    );
+}
+
+/// Counted as the pass before it: whom virtual objects hide from the light, they may lend some.
+#[divan::bench(args = [1, 4])]
+fn transfer_bounce(bencher: Bencher, step: usize) {
+    let fixture = &*FIXTURE;
+    let FrameStages { merged, merged_auxiliary, radiance, auxiliary_radiance, .. } =
+        &fixture.stages;
+    let mut stage = fixture.radiance_transfer(step);
+    let mut out = IndirectMap::default();
+    let points = fixture.lit(step).changed_points;
+    bencher.counter(ItemsCount::new(points * fixture.operations_per_point())).bench_local(|| {
+        stage.bounce((merged, merged_auxiliary), (radiance, auxiliary_radiance), &mut out);
+    });
+}
+
+/// For each pixel used: three rounds of normal equations (upper triangle of 16x16, right-hand side of
+/// 16) and four of residuals (past light, two rounds of weights, final).
+#[divan::bench(args = [2, 4])]
+fn light_est(bencher: Bencher, stride: usize) {
+    const PER_PIXEL: usize = 3 * 2 * (136 + 16) + 4 * 2 * 16;
+    let fixture = &*FIXTURE;
+    let params = kinlight::lighting::LightParams { stride, ..fixture.settings.light.clone() };
+    let transfer = &fixture.lit(if stride == 4 { 4 } else { 1 }).real_transfer;
+    let mut stage = LightEstimator::new(&params);
+    let real = &fixture.stages.real;
+    let pixels = stage.estimate(&fixture.frame, real, transfer).pixels;
+    bencher
+        .counter(ItemsCount::new(pixels * PER_PIXEL))
+        .bench_local(|| stage.estimate(&fixture.frame, real, transfer));
+}
+
+/// The geometry buffer is read and written; albedo (12 B) and coverage (4 B) are written.
+#[divan::bench]
+fn rendering_rasterise(bencher: Bencher) {
+    let fixture = &*FIXTURE;
+    let mut rasteriser = Rasteriser::default();
+    let mut merged = GBuffer::empty(fixture.view);
+    let mut layer = VirtualLayer::default();
+    bencher.counter(BytesCount::new(fixture.pixels() * (2 * GBUFFER_BYTES + 16))).bench_local(
+        || rasteriser.draw(&fixture.scene, &fixture.stages.real, &mut merged, &mut layer),
+    );
+}
+
+/// Read once a grid point: both transfers (128 B) and the bounce (12 B). A pixel: the picture is read
+/// and written (6 B); depth, origin and coverage are read (9 B).
+#[divan::bench(args = [1, 4])]
+fn rendering_compose(bencher: Bencher, step: usize) {
+    let fixture = &*FIXTURE;
+    let mut stage = CompositingStage::new(&fixture.settings.compositing);
+    let mut out = Image::default();
+    let input = fixture.compose_input(step);
+    let grid = input.real_transfer.grid.pixels();
+    bencher
+        .counter(BytesCount::new(grid * 140 + fixture.pixels() * 15))
+        .bench_local(|| stage.compose(&input, &mut out));
+}
