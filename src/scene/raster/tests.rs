@@ -1,3 +1,5 @@
+mod textures;
+
 use super::*;
 use crate::image::Image;
 use crate::math::{Orthographic, Pinhole, Pose, Projection, random::Rng};
