@@ -163,14 +163,17 @@ fn taps(coordinate: f32, n: usize, wrap: Wrap) -> (usize, usize, f32) {
     (wrapped(first, n, wrap), wrapped(first + 1, n, wrap), t)
 }
 
+/// `i` is at most one texel outside of the period that [`taps`] has reduced the coordinate to.
 fn wrapped(i: i64, n: usize, wrap: Wrap) -> usize {
     let n = n as i64;
+    let fold = |period: i64| match i {
+        i if i < 0 => i + period,
+        i if i >= period => i - period,
+        i => i,
+    };
     let index = match wrap {
-        Wrap::Repeat => i.rem_euclid(n),
-        Wrap::MirroredRepeat => {
-            let i = i.rem_euclid(2 * n);
-            i.min(2 * n - 1 - i)
-        }
+        Wrap::Repeat => fold(n),
+        Wrap::MirroredRepeat => fold(2 * n).min(2 * n - 1 - fold(2 * n)),
         Wrap::ClampToEdge => i.clamp(0, n - 1),
     };
     index as usize
