@@ -1,7 +1,10 @@
 //! Base-colour textures: sRGB texels in a pyramid, read as linear light.
 
 use crate::math::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
-use glam::Vec2;
+use glam::{Vec2, Vec4};
+
+/// Along the longer axis of a pixel's footprint; more slanted views blur across the shorter one.
+const MAX_TAPS: usize = 8;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
@@ -39,23 +42,67 @@ impl Texture {
         Some(Self { levels, wrap })
     }
 
-    /// Linear RGB and alpha around `uv`. `du` and `dv` are the steps of `uv` to the next pixel in x
-    /// and y: the level is chosen so that the longer one is about a texel (trilinear filter).
+    /// Linear RGB and alpha around `uv`, the mean over what a pixel shows. `du` and `dv` are the steps
+    /// of `uv` to the next pixel in x and y.
     pub fn sample(&self, uv: Vec2, du: Vec2, dv: Vec2) -> [f32; 4] {
         let base = &self.levels[0];
         let texels = Vec2::new(base.width as f32, base.height as f32);
-        let footprint = (du * texels).length_squared().max((dv * texels).length_squared());
-        let top = (self.levels.len() - 1) as f32;
-        // max first: a NaN footprint reads the finest level
-        let lod = (0.5 * footprint.log2()).max(0.0).min(top);
+        let Some(footprint) = Footprint::new(du * texels, dv * texels) else {
+            return self.levels[self.levels.len() - 1].bilinear(uv, self.wrap);
+        };
+        let taps = footprint.taps as f32;
+        let step = footprint.long_axis / (texels * taps);
+        let first = uv - step * (0.5 * (taps - 1.0));
+        let mean = |level: &Level| {
+            let mut sum = Vec4::ZERO;
+            for tap in 0..footprint.taps {
+                sum += Vec4::from(level.bilinear(first + step * tap as f32, self.wrap));
+            }
+            sum / taps
+        };
+        let lod = footprint.tap_width.log2().min((self.levels.len() - 1) as f32);
         let fine = lod as usize;
         let t = lod - fine as f32;
-        let a = self.levels[fine].bilinear(uv, self.wrap);
+        let a = mean(&self.levels[fine]);
         if t < 1.0 / 256.0 {
-            return a; // less than one step of an 8-bit texel
+            return a.to_array(); // less than one step of an 8-bit texel
         }
-        let b = self.levels[fine + 1].bilinear(uv, self.wrap);
-        std::array::from_fn(|c| a[c] + t * (b[c] - a[c]))
+        a.lerp(mean(&self.levels[fine + 1]), t).to_array()
+    }
+}
+
+/// What a pixel shows of a texture: the ellipse that a disc as wide as the pixel comes from, covered by
+/// a row of round taps along its long axis (Heckbert 1989, section 3.5; McCormack et al. 1999). A filter
+/// that is round itself and as wide as the long axis would blur the texture along the short one.
+struct Footprint {
+    /// Of the ellipse's full length, texels.
+    long_axis: Vec2,
+    taps: usize,
+    /// At least one texel; as wide as the ellipse, unless it is longer than [`MAX_TAPS`] widths.
+    tap_width: f32,
+}
+
+impl Footprint {
+    /// From the steps in texels to the next pixel in x and y. `None` where they are not finite: seen
+    /// edge-on.
+    fn new(du: Vec2, dv: Vec2) -> Option<Self> {
+        // The axes are the singular vectors of the matrix [du dv]; neither column need be near one.
+        let (xx, yy) = (du.x * du.x + dv.x * dv.x, du.y * du.y + dv.y * dv.y);
+        let xy = du.x * du.y + dv.x * dv.y;
+        let (middle, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let spread = half.hypot(xy);
+        let length = (middle + spread).sqrt();
+        if !length.is_finite() {
+            return None;
+        }
+        let width = if length > 0.0 { du.perp_dot(dv).abs() / length } else { 0.0 };
+        // Of two parallel forms the one whose sum does not cancel; a circle has no long axis.
+        let direction =
+            if half >= 0.0 { Vec2::new(half + spread, xy) } else { Vec2::new(xy, spread - half) };
+        let tap_width = width.max(length / MAX_TAPS as f32).max(1.0);
+        // Taps overlap by half, so a quarter of a width more between them leaves no gap.
+        let taps = (length / tap_width - 0.25).ceil().clamp(1.0, MAX_TAPS as f32) as usize;
+        Some(Self { long_axis: direction.normalize_or_zero() * length, taps, tap_width })
     }
 }
 
@@ -116,14 +163,17 @@ fn taps(coordinate: f32, n: usize, wrap: Wrap) -> (usize, usize, f32) {
     (wrapped(first, n, wrap), wrapped(first + 1, n, wrap), t)
 }
 
+/// `i` is at most one texel outside of the period that [`taps`] has reduced the coordinate to.
 fn wrapped(i: i64, n: usize, wrap: Wrap) -> usize {
     let n = n as i64;
+    let fold = |period: i64| match i {
+        i if i < 0 => i + period,
+        i if i >= period => i - period,
+        i => i,
+    };
     let index = match wrap {
-        Wrap::Repeat => i.rem_euclid(n),
-        Wrap::MirroredRepeat => {
-            let i = i.rem_euclid(2 * n);
-            i.min(2 * n - 1 - i)
-        }
+        Wrap::Repeat => fold(n),
+        Wrap::MirroredRepeat => fold(2 * n).min(2 * n - 1 - fold(2 * n)),
         Wrap::ClampToEdge => i.clamp(0, n - 1),
     };
     index as usize
@@ -174,5 +224,29 @@ mod tests {
             Texture::new(67, 43, vec![WHITE; 67 * 43], Default::default()).unwrap().levels.len(),
             8
         );
+    }
+
+    #[test]
+    fn footprints_follow_the_singular_vectors() {
+        // A circle and its texture stretched 12 by 2, then turned in the texture and on the screen.
+        for (texture_turn, screen_turn) in [(0.0, 0.0), (0.0, 0.785), (0.4, 0.0), (2.1, -1.3)] {
+            let turn = Vec2::from_angle(texture_turn);
+            let step = |angle: f32| {
+                let p = Vec2::from_angle(angle + screen_turn);
+                turn.rotate(Vec2::new(12.0 * p.x, 2.0 * p.y))
+            };
+            let footprint = Footprint::new(step(0.0), step(std::f32::consts::FRAC_PI_2)).unwrap();
+            assert!((footprint.long_axis.perp_dot(turn)).abs() < 1e-4, "{}", footprint.long_axis);
+            assert!((footprint.long_axis.length() - 12.0).abs() < 1e-4);
+            assert!((footprint.tap_width - 2.0).abs() < 1e-4 && footprint.taps == 6);
+        }
+        let round = |r: f32| Footprint::new(Vec2::X * r, Vec2::Y * r).unwrap();
+        assert_eq!([0.0, 0.3, 1.0, 5.0].map(|r| round(r).taps), [1; 4]);
+        assert_eq!([0.0, 0.3, 1.0, 5.0].map(|r| round(r).tap_width), [1.0, 1.0, 1.0, 5.0]);
+        let line = Footprint::new(Vec2::X * 80.0, Vec2::X * 60.0).unwrap();
+        assert_eq!((line.taps, line.tap_width), (8, 12.5));
+        for bad in [f32::NAN, f32::INFINITY, 1e30] {
+            assert!(Footprint::new(Vec2::splat(bad), Vec2::Y).is_none());
+        }
     }
 }

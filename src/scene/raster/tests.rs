@@ -1,3 +1,5 @@
+mod textures;
+
 use super::*;
 use crate::image::Image;
 use crate::math::{Orthographic, Pinhole, Pose, Projection, random::Rng};
@@ -542,6 +544,8 @@ fn redrawing_touched_rows_equals_drawing_all() {
 fn time_raster() {
     let (vga, side) = (pinhole(640, 480), ortho(256, 256, 128.0));
     for (name, stacks, view) in [
+        ("figure, 640x480", 1, vga),
+        ("figure, 256x256 orthographic", 1, ortho(256, 256, 600.0)),
         ("20k triangles over a fifth of 640x480", 71, vga),
         ("20k triangles over two thirds of 640x480", 71, vga),
         ("20k triangles, 256x256 orthographic", 71, side),
@@ -553,6 +557,7 @@ fn time_raster() {
         let (object, z) = match (stacks, name.starts_with("nothing")) {
             (0, true) => (sheet(3.0), -1.0),
             (0, false) => (sheet(3.0), if name.contains("wall") { 1.0 } else { 0.8 }),
+            (1, _) => (Arc::new(crate::synth::virtual_object::model()), 1.2),
             (stacks, _) => (sphere(0.3, stacks), if name.contains("thirds") { 0.7 } else { 1.2 }),
         };
         let scene = VirtualScene::from_objects([at(object, Vec3::new(0.0, 0.0, z))]);
