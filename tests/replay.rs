@@ -58,7 +58,7 @@ fn the_demo_gives_every_output() {
     for name in ["timings.csv", "timings.json", "settings.toml"] {
         assert!(dir.path().join(name).metadata().unwrap().len() > 0, "{name}");
     }
-    let leftovers = files(dir.path()).into_keys().filter(|n| n.contains(".tmp")).count();
+    let leftovers = files(dir.path()).into_keys().filter(|n| n.ends_with(".tmp")).count();
     assert_eq!(leftovers, 0, "temporary files are renamed");
 }
 

@@ -117,9 +117,6 @@ impl Run<'_> {
             });
         bar.finish_and_clear();
         let summary = summary.map_err(by_kind)?;
-        for skipped in &summary.skipped {
-            log::warn!("frame {} ({}) skipped: {}", skipped.index, skipped.name, skipped.reason);
-        }
         let timings = writer.timing_summary().expect("a run without frames is an error");
         Ok((summary, timings))
     }

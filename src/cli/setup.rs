@@ -61,8 +61,12 @@ pub fn open(run: &RunArgs) -> Result<Sequence, CliError> {
         options.first_frame = range.first;
         options.end_frame = range.end;
     }
-    open_sequence(&run.sequence, &options)
-        .map_err(|e| CliError::Sequence(explain(&run.sequence, e)))
+    let sequence = open_sequence(&run.sequence, &options)
+        .map_err(|e| CliError::Sequence(explain(&run.sequence, e)))?;
+    for warning in &sequence.info().warnings {
+        log::warn!("{warning}");
+    }
+    Ok(sequence)
 }
 
 fn explain(path: &Path, error: kinlight::capture::CaptureError) -> String {

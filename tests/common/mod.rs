@@ -1,6 +1,8 @@
 //! Running the program as a user does.
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+pub mod recording;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
