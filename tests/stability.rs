@@ -305,9 +305,7 @@ fn objects_in_impossible_places_give_finite_pictures() {
         let p = camera * nalgebra::Point3::new(0.0, 0.0, metres);
         Vec3::new(p.x as f32, p.y as f32, p.z as f32)
     };
-    let model = match &demo_scene().objects[0] {
-        VirtualObject { model, .. } => model.clone(),
-    };
+    let model = demo_scene().objects[0].model.clone();
     // (what, position, scale, whether it is seen)
     let cases = [
         ("larger than the room", in_front(1.0), 100.0, None),
