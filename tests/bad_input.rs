@@ -502,7 +502,7 @@ impl Drop for SmallDisk {
 fn a_full_disk_ends_the_run_and_what_was_written_is_whole() {
     // Frames of 160x120 take some 40 KiB each: the disk is full after a few.
     let Some(disk) = SmallDisk::mount(160) else {
-        eprintln!("SKIPPED: no right to mount a small disk");
+        common::skipped("no right to mount a small disk");
         return;
     };
     let made = Made::new(&small_demo(12));
