@@ -65,6 +65,9 @@ struct Tally {
 }
 
 /// Runs every frame of `source`; `writer` gets each result, `on_frame` may look at it.
+///
+/// Where an error ends the run early, the mesh, the summary and what else is written at the end are
+/// written for the frames until then.
 pub fn replay(
     source: &mut Sequence,
     pipeline: &mut Pipeline,
@@ -73,23 +76,38 @@ pub fn replay(
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<ReplaySummary, ReplayError> {
     let mut tally = Tally::default();
-    loop {
-        let start = Instant::now();
-        let Some(raw) = source.next_frame()? else { break };
-        let mut times = StageTimes::default();
-        times.add(Stage::Input, start.elapsed());
-        let outcome = pipeline.process(raw, times)?;
-        writer.frame(pipeline, &outcome)?;
-        tally.add(&outcome, truth);
-        on_frame(&outcome);
-    }
+    let ended = every_frame(source, pipeline, writer, &mut |outcome| {
+        tally.add(outcome, truth);
+        on_frame(outcome);
+    });
     if tally.frames == 0 {
+        ended?;
         let reason = source.skipped().first().map_or("it is empty", |s| &s.reason);
         return Err(ReplayError::NoFrames(reason.to_owned()));
     }
     let summary = tally.summary(source.skipped().to_vec());
-    writer.finish(pipeline, &summary)?;
+    let finished = writer.finish(pipeline, &summary);
+    // What ended the run comes before what may follow from it: a full disk takes no mesh either.
+    ended?;
+    finished?;
     Ok(summary)
+}
+
+fn every_frame(
+    source: &mut Sequence,
+    pipeline: &mut Pipeline,
+    writer: &mut RunWriter,
+    on_frame: &mut dyn FnMut(&FrameOutcome),
+) -> Result<(), ReplayError> {
+    loop {
+        let start = Instant::now();
+        let Some(raw) = source.next_frame()? else { return Ok(()) };
+        let mut times = StageTimes::default();
+        times.add(Stage::Input, start.elapsed());
+        let outcome = pipeline.process(raw, times)?;
+        writer.frame(pipeline, &outcome)?;
+        on_frame(&outcome);
+    }
 }
 
 impl Tally {

@@ -402,6 +402,25 @@ fn without_any_depth_the_camera_pictures_come_back() {
 }
 
 #[test]
+fn a_run_that_stops_where_the_camera_is_lost_keeps_what_it_has() {
+    let mut recording = small_demo(5);
+    recording.frames[3].depth_m.fill(0.0);
+    let made = Made::new(&recording);
+    let run = made.replay(&["--set", "tracking.on_lost=stop"]);
+    run.failed_with(1, "run", &["frame 3: the camera is lost", "tracking.on_lost"]);
+    assert_eq!(whole_pictures(&run.out.join("frames")), [0, 1, 2]);
+    assert_eq!(logged_frames(&run.out.join("light.jsonl")), [0, 1, 2]);
+    let summary = fs::read_to_string(run.out.join("summary.json")).unwrap();
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!((&summary["frames"], &summary["tracked_share"]), (&3.into(), &1.0.into()));
+    let mesh = fs::read(run.out.join("mesh.ply")).unwrap();
+    assert!(mesh.starts_with(b"ply") && mesh.len() > 10_000, "{}", mesh.len());
+    for name in ["timings.json", "environment.hdr"] {
+        assert!(fs::metadata(run.out.join(name)).unwrap().len() > 0, "{name}");
+    }
+}
+
+#[test]
 fn black_and_saturated_pictures_keep_the_neutral_light() {
     for value in [0, 255] {
         let made = Made::new(&small_demo(3).with_color(value));
@@ -483,7 +502,7 @@ impl Drop for SmallDisk {
 fn a_full_disk_ends_the_run_and_what_was_written_is_whole() {
     // Frames of 160x120 take some 40 KiB each: the disk is full after a few.
     let Some(disk) = SmallDisk::mount(160) else {
-        eprintln!("SKIPPED: no right to mount a small disk");
+        common::skipped("no right to mount a small disk");
         return;
     };
     let made = Made::new(&small_demo(12));

@@ -31,10 +31,16 @@ pub fn real_sequence(name: &str) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path);
     }
-    eprintln!("SKIPPED: no {name} below KINLIGHT_DATA or ../shared/data");
+    skipped(&format!("no {name} below KINLIGHT_DATA or ../shared/data"));
     None
 }
 
 pub fn text(path: &Path) -> &str {
     path.to_str().expect("test paths are UTF-8")
+}
+
+/// Says so on the terminal itself: what `eprintln!` prints is hidden for tests that pass.
+pub fn skipped(why: &str) {
+    use std::io::Write;
+    writeln!(std::io::stderr(), "SKIPPED: {why}").expect("standard error is open");
 }
