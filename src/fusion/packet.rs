@@ -162,18 +162,27 @@ impl Walk {
     /// Depths just past cubes around voxels, of sides that are powers of two.
     #[inline(always)]
     fn leave(&self, packet: &Packet, voxel: &[Ints; 3], side: &Ints) -> Lanes {
-        let mut out = [f32::INFINITY; LANES];
-        for axis in 0..3 {
-            for i in 0..LANES {
-                let (origin, inverse) = (packet.origin[axis][i], self.inverse[axis][i]);
-                // a voxel's share of space ends half a voxel from its centre
-                let low = (voxel[axis][i] & -side[i]) as f32 - 0.5;
-                let end = if inverse > 0.0 { low + side[i] as f32 + NUDGE } else { low - NUDGE };
-                out[i] = out[i].min((end - origin) * inverse);
-            }
+        let along =
+            |axis: usize| leave_axis(&packet.origin[axis], &self.inverse[axis], &voxel[axis], side);
+        let (x, y, z) = (along(0), along(1), along(2));
+        let mut out = [0.0; LANES];
+        for i in 0..LANES {
+            out[i] = x[i].min(y[i]).min(z[i]);
         }
         out
     }
+}
+
+#[inline(always)]
+fn leave_axis(origin: &Lanes, inverse: &Lanes, voxel: &Ints, side: &Ints) -> Lanes {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        // a voxel's share of space ends half a voxel from its centre
+        let low = (voxel[i] & -side[i]) as f32 - 0.5;
+        let end = if inverse[i] > 0.0 { low + side[i] as f32 + NUDGE } else { low - NUDGE };
+        out[i] = (end - origin[i]) * inverse[i];
+    }
+    out
 }
 
 /// Sides of the largest of the cubes of 8, 4 and 2 voxels around voxels that hold no surface; 0
@@ -204,12 +213,17 @@ fn any(mask: &Mask) -> bool {
 /// Points at depths along the rays, kept in the volume.
 #[inline(always)]
 pub(super) fn points(field: &Field<'_>, packet: &Packet, t: &Lanes) -> [Lanes; 3] {
-    let mut out = [[0.0; LANES]; 3];
-    for axis in 0..3 {
-        for i in 0..LANES {
-            let p = packet.origin[axis][i] + packet.direction[axis][i] * t[i];
-            out[axis][i] = p.max(0.0).min(field.last); // max first: NaN becomes 0
-        }
+    // Axes one by one: of nested loops the compiler makes one that scatters its results.
+    let along = |axis: usize| coordinates(field, &packet.origin[axis], &packet.direction[axis], t);
+    [along(0), along(1), along(2)]
+}
+
+#[inline(always)]
+fn coordinates(field: &Field<'_>, origin: &Lanes, direction: &Lanes, t: &Lanes) -> Lanes {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        let p = origin[i] + direction[i] * t[i];
+        out[i] = p.max(0.0).min(field.last); // max first: NaN becomes 0
     }
     out
 }
@@ -319,13 +333,18 @@ fn trilinear(field: &Field<'_>, point: &[Lanes; 3]) -> Lanes {
 /// Lowest corners of the cells around points, and the places within, from 0 to 1.
 #[inline(always)]
 pub(super) fn cells(field: &Field<'_>, point: &[Lanes; 3]) -> ([Ints; 3], [Lanes; 3]) {
-    let (mut base, mut fraction) = ([[0; LANES]; 3], [[0.0; LANES]; 3]);
-    for axis in 0..3 {
-        let corner = truncated(&point[axis]);
-        for i in 0..LANES {
-            base[axis][i] = corner[i].min(field.last as i32 - 1);
-            fraction[axis][i] = point[axis][i] - base[axis][i] as f32;
-        }
+    let (x, fx) = split(field, &point[0]);
+    let (y, fy) = split(field, &point[1]);
+    let (z, fz) = split(field, &point[2]);
+    ([x, y, z], [fx, fy, fz])
+}
+
+#[inline(always)]
+fn split(field: &Field<'_>, point: &Lanes) -> (Ints, Lanes) {
+    let (mut base, mut fraction) = (truncated(point), [0.0; LANES]);
+    for i in 0..LANES {
+        base[i] = base[i].min(field.last as i32 - 1);
+        fraction[i] = point[i] - base[i] as f32;
     }
     (base, fraction)
 }
