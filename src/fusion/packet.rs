@@ -87,7 +87,7 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
     let mut walk = Walk::new(packet);
     let (mut found, mut a, mut b) = ([0; LANES], packet.near, packet.near);
     let mut at_b = [0.0; LANES];
-    while let Some(point) = walk.to_surface(field, packet) {
+    while let Some(point) = walk.approach(field, packet) {
         let value = trilinear(field, &point);
         for i in 0..LANES {
             let (distance, open) = (value[i], walk.open[i]); // NaN where unseen
@@ -100,7 +100,8 @@ fn march(field: &Field<'_>, packet: &Packet) -> Brackets {
             let at = if front != 0 { distance } else { -1.0 };
             a[i] = if take != 0 { walk.t[i] } else { a[i] };
             walk.at_a[i] = if take != 0 { at } else { walk.at_a[i] };
-            // NaN: the least
+            // NaN takes the least step, which `clamp` would keep NaN
+            #[allow(clippy::manual_clamp)]
             let step = (distance.abs() * STEP_SHARE + STEP_BEYOND).max(MIN_STEP).min(MAX_STEP);
             walk.t[i] += step * walk.per_voxel[i];
             walk.open[i] = take & (walk.t[i] <= packet.far[i]) as u32;
@@ -136,7 +137,7 @@ impl Walk {
 
     /// Takes every open ray into a brick that may hold surface; `None` where no ray is left.
     #[inline(always)]
-    fn to_surface(&mut self, field: &Field<'_>, packet: &Packet) -> Option<[Lanes; 3]> {
+    fn approach(&mut self, field: &Field<'_>, packet: &Packet) -> Option<[Lanes; 3]> {
         while any(&self.open) {
             let point = points(field, packet, &self.t);
             let voxel = [rounded(&point[0]), rounded(&point[1]), rounded(&point[2])];
