@@ -1,5 +1,7 @@
 //! Storage of 8x8x8 voxel blocks: a dense table of slots, and slots in one growing array.
 
+use super::crossings::{Bricks, Sides};
+
 /// Voxels a side of a block.
 pub(super) const SIDE: usize = 8;
 /// Voxels of a block, x fastest.
@@ -22,6 +24,7 @@ pub(super) struct Block {
     /// Smallest seen distance; `ONE` where nothing was seen. A block that holds part of a front
     /// face, or whose neighbour does, has voxels below zero.
     pub lowest: i16,
+    pub sides: Sides,
     /// Distances and weights lie apart: ray casting reads distances only.
     pub tsdf: [i16; VOXELS],
     pub weight: [u16; VOXELS],
@@ -36,6 +39,7 @@ impl Block {
         self.coords = coords;
         self.live = true;
         self.lowest = ONE;
+        self.sides = Sides::default();
         self.tsdf.fill(UNSEEN);
         self.weight.fill(0);
         if let Some(color) = &mut self.color {
@@ -50,6 +54,8 @@ pub(super) struct BlockStore {
     pub grid: usize,
     /// Slot of each block, x fastest.
     pub table: Vec<u32>,
+    /// Where each block may hold surface, in the table's order; 0 without storage.
+    pub crossings: Vec<Bricks>,
     pub blocks: Vec<Block>,
     free: Vec<u32>,
     color: bool,
@@ -58,13 +64,16 @@ pub(super) struct BlockStore {
 impl BlockStore {
     pub fn new(grid: usize, color: bool) -> Self {
         let table = vec![EMPTY; grid * grid * grid];
-        let mut store = Self { grid, table, blocks: Vec::new(), free: Vec::new(), color };
+        let crossings = vec![0; table.len()];
+        let (blocks, free) = (Vec::new(), Vec::new());
+        let mut store = Self { grid, table, crossings, blocks, free, color };
         store.push();
         store
     }
 
     pub fn clear(&mut self) {
         self.table.fill(EMPTY);
+        self.crossings.fill(0);
         self.blocks.truncate(1);
         self.free.clear();
     }
@@ -100,6 +109,7 @@ impl BlockStore {
         block.live = false;
         let index = self.index(self.blocks[slot as usize].coords);
         self.table[index] = EMPTY;
+        self.crossings[index] = 0;
         self.free.push(slot);
     }
 
@@ -112,6 +122,7 @@ impl BlockStore {
             coords: [0; 3],
             live: false,
             lowest: ONE,
+            sides: Sides::default(),
             tsdf: [UNSEEN; VOXELS],
             weight: [0; VOXELS],
             color: self.color.then(|| Box::new([[0; 4]; VOXELS])),
@@ -139,6 +150,7 @@ impl BlockStore {
     pub fn memory_bytes(&self) -> usize {
         let colors = if self.color { self.blocks.len() * size_of::<ColorBlock>() } else { 0 };
         self.table.capacity() * size_of::<u32>()
+            + self.crossings.capacity() * size_of::<Bricks>()
             + self.blocks.capacity() * size_of::<Block>()
             + self.free.capacity() * size_of::<u32>()
             + colors

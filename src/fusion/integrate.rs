@@ -2,6 +2,7 @@
 //! (Curless and Levoy 1996; Newcombe et al., "KinectFusion", 2011, Eq. 6-13).
 
 use super::block::{Block, ColorBlock, ONE, SIDE, UNSEEN, VOXELS};
+use super::crossings::Sides;
 use super::rays::ViewFromVoxel;
 use super::{FusionError, TsdfVolume};
 use crate::capture::RgbdFrame;
@@ -52,6 +53,7 @@ impl TsdfVolume {
             }
         });
         self.release_free_blocks();
+        self.store.find_crossings();
         Ok(())
     }
 }
@@ -140,6 +142,7 @@ fn fuse_block(fuse: &Fuse<'_>, block: &mut Block) {
         average(fuse, &seen, &mut block.tsdf[range.clone()], &mut block.weight[range]);
     }
     block.lowest = lowest(&block.tsdf);
+    block.sides = Sides::of(&block.tsdf);
 }
 
 /// Signed distances of 16 voxels, metres, and the pixels they fall on.

@@ -7,6 +7,7 @@
 mod allocate;
 mod auxiliary;
 mod block;
+mod crossings;
 mod integrate;
 mod marching_cubes;
 mod mesh;

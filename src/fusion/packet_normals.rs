@@ -1,7 +1,7 @@
 //! Normals where the rays of a packet meet the surface.
 
 use super::block::UNSEEN;
-use super::packet::{Field, Hits, LANES, Lanes, Mask, Packet, cells, offset, points, stored_at};
+use super::packet::{Cube, Field, Hits, LANES, Lanes, Mask, Packet, cells, points};
 use glam::Vec3;
 
 /// Interpolated central differences; lanes whose surroundings were not all seen are left to the
@@ -56,6 +56,7 @@ fn central_gradient(field: &Field<'_>, point: &[Lanes; 3]) -> ([Lanes; 3], Mask)
             (slope[axis][2][i], slope[axis][3][i]) = (1.0 - f, f);
         }
     }
+    let cube = Cube::<4>::new(field, &first);
     let mut gradient = [[0.0; LANES]; 3];
     for k in 0..64 {
         let at = [k & 3, k >> 2 & 3, k >> 4];
@@ -63,7 +64,7 @@ fn central_gradient(field: &Field<'_>, point: &[Lanes; 3]) -> ([Lanes; 3], Mask)
         if u8::from(outer[0]) + u8::from(outer[1]) + u8::from(outer[2]) > 1 {
             continue;
         }
-        let (stored, _) = stored_at(field, &offset(&first, at));
+        let stored = cube.at(field, at);
         for i in 0..LANES {
             whole[i] &= (stored[i] != i32::from(UNSEEN)) as u32;
         }

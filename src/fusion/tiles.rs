@@ -4,6 +4,8 @@
 
 use super::TsdfVolume;
 use super::block::SIDE;
+use super::crossings::octant_bricks;
+use super::packet::MAX_STEP;
 use super::rays::ViewFromVoxel;
 use crate::image::Size;
 use crate::math::View;
@@ -13,6 +15,11 @@ use glam::{Vec2, Vec3};
 pub(super) const TILE: usize = 8;
 /// Boxes nearer than this cannot be projected: they may cover the whole picture.
 const NEAREST_M: f32 = 1e-3;
+
+/// Voxels a side of an octant of a block.
+const OCTANT: f32 = (SIDE / 2) as f32;
+/// An octant's voxels reach half a voxel beyond their centres; the rest is against rounding.
+const MARGIN: f32 = 0.6;
 
 /// Depth range of each tile; `near > far` where no surface can be.
 #[derive(Debug, Default)]
@@ -34,31 +41,28 @@ impl TileMap {
         self.ranges.resize(self.width * self.height, (f32::INFINITY, 0.0));
     }
 
-    /// Draws every block with a voxel behind a surface. A zero crossing lies in a cell with such
-    /// a voxel at a corner, so the box of the block's voxel centres grown by one voxel holds it.
+    /// Draws every octant of a block that may hold surface.
     pub fn draw(&mut self, volume: &TsdfVolume, view: &View) {
         self.clear(view.size());
         let from_voxel = ViewFromVoxel::new(volume, view);
-        for block in volume.store.blocks.iter().filter(|b| b.live && b.lowest < 0) {
-            let low = Vec3::from(block.coords.map(|v| f32::from(v) * SIDE as f32)) - 1.0;
-            self.draw_box(view, &from_voxel, low, (SIDE + 1) as f32, volume.voxel_m);
+        for (index, &bricks) in volume.store.crossings.iter().enumerate() {
+            if bricks == 0 {
+                continue;
+            }
+            let low = volume.store.coords(index).map(|v| f32::from(v) * SIDE as f32);
+            for octant in (0..8).filter(|&octant| bricks & octant_bricks(octant) != 0) {
+                let low = Vec3::from(low) + corner(octant) * OCTANT;
+                self.draw_box(view, &from_voxel, low - MARGIN, volume.voxel_m);
+            }
         }
     }
 
-    fn draw_box(
-        &mut self,
-        view: &View,
-        from_voxel: &ViewFromVoxel,
-        low: Vec3,
-        side: f32,
-        margin_m: f32,
-    ) {
+    fn draw_box(&mut self, view: &View, from_voxel: &ViewFromVoxel, low: Vec3, voxel_m: f32) {
         let (scale, centre) = view.scale_and_centre();
         let (mut near, mut far) = (f32::INFINITY, f32::NEG_INFINITY);
         let (mut min, mut max) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
         for i in 0..8 {
-            let offset = Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
-            let p = from_voxel.apply(low + offset * side);
+            let p = from_voxel.apply(low + corner(i) * (OCTANT + 2.0 * MARGIN - 1.0));
             (near, far) = (near.min(p.z), far.max(p.z));
             let w = if view.is_perspective() { p.z.max(NEAREST_M) } else { 1.0 };
             let pixel = p.truncate() * scale / w + centre;
@@ -80,8 +84,13 @@ impl TileMap {
         for ty in y {
             for tx in x.clone() {
                 let range = &mut self.ranges[ty * self.width + tx];
-                *range = (range.0.min(near - margin_m), range.1.max(far));
+                *range = (range.0.min(near), range.1.max(far + MAX_STEP * voxel_m));
             }
         }
     }
+}
+
+/// Corner of a cube of side 1, x fastest.
+fn corner(i: u32) -> Vec3 {
+    Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32)
 }
