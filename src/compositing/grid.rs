@@ -16,7 +16,7 @@ pub const VIRTUAL: f32 = 2.0;
 
 /// R below this share of the mean shading is ringing of the harmonics or noise; ratios of such
 /// values mean nothing.
-const FLOOR_SHARE: f32 = 0.02;
+const FLOOR_SHARE: f32 = 0.08;
 
 /// Visibility of a virtual point: shading by unoccluded shading, both raised by this share of the
 /// mean shading, so that the quotient stays finite on the dark side.

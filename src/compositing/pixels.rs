@@ -9,8 +9,9 @@ use crate::geometry::Origin;
 use crate::image::Image;
 use glam::Vec3;
 
-/// R'/R above this is noise on the dark side.
-const MAX_RATIO: f32 = 8.0;
+/// Virtual objects take direct light away and never add any: where R' exceeds R, that is ringing of the
+/// spherical harmonics or noise. What they add is the bounce.
+const MAX_RATIO: f32 = 1.0;
 
 /// Everything that the pixels of one frame are made from.
 pub struct Composer<'a> {

@@ -76,7 +76,7 @@ impl RadianceTransfer {
     /// Transfer of real and virtual geometry together, with the samples of the real pass.
     ///
     /// `real_transfer` is what [`Self::transfer`] made of `real`, and `merged` must differ from
-    /// `real` in pixels of [`Origin::Virtual`] alone. Points that no virtual pixel can influence
+    /// `real` in pixels of [`Origin::Virtual`](crate::geometry::Origin::Virtual) alone. Points that no virtual pixel can influence
     /// are copied; the result equals that of [`Self::transfer`] on `merged` bit for bit.
     pub fn transfer_with_virtual(
         &mut self,
