@@ -41,3 +41,6 @@ pub mod image;
 pub mod math;
 pub mod mesh;
 pub mod timing;
+
+#[cfg(test)]
+mod test_data;

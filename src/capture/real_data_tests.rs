@@ -3,19 +3,7 @@
 
 use super::plausibility::residual;
 use super::*;
-use std::path::PathBuf;
-
-fn data(name: &str) -> Option<PathBuf> {
-    let root = std::env::var("KINLIGHT_DATA").map(PathBuf::from);
-    let root =
-        root.unwrap_or_else(|_| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"));
-    let folder = root.join(name);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("SKIPPED: no recording {}", folder.display());
-    None
-}
+use crate::test_data::real_data as data;
 
 /// Median over frame pairs `gap` apart of the median reprojection error, millimetres.
 fn reprojection_mm(sequence: &mut Sequence, gap: usize) -> f64 {

@@ -213,12 +213,7 @@ mod tests {
 
     #[test]
     fn truth_of_the_made_sequence_agrees_with_itself() {
-        let data = std::env::var("KINLIGHT_DATA").unwrap_or_else(|_| "../shared/data".into());
-        let path = Path::new(&data).join("mitsuba-sample/light.json");
-        if !path.exists() {
-            println!("SKIPPED: {} is not there", path.display());
-            return;
-        }
+        let Some(path) = crate::test_data::real_data("mitsuba-sample/light.json") else { return };
         let truth = LightTruth::read(&path).unwrap();
         let segment = truth.at_frame(29).unwrap();
         assert_eq!(segment.sh.len(), 16);

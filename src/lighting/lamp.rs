@@ -30,17 +30,22 @@ pub struct LampFit {
 }
 
 impl LampFit {
-    /// The best fit in the least-squares sense over all directions; `None` where the equations are
-    /// empty or dark.
-    pub fn new(equations: &NormalEquations) -> Option<Self> {
+    /// The best fit in the least-squares sense over the directions within `reach_rad` of `around`;
+    /// `None` where the equations are empty or dark.
+    pub fn new(equations: &NormalEquations, around: DVec3, reach_rad: f64) -> Option<Self> {
         let mut search = Search::new(equations)?;
+        let least_cosine = reach_rad.cos();
         let golden = PI * (3.0 - 5f64.sqrt());
-        let mut best = (0.0, DVec3::Z);
+        let mut best = (0.0, around);
+        search.improve(around, &mut best);
         for i in 0..DIRECTIONS {
             let z = 1.0 - (2 * i + 1) as f64 / DIRECTIONS as f64;
             let (sin, cos) = (golden * i as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            search.improve(DVec3::new(r * cos, r * sin, z), &mut best);
+            let direction = DVec3::new(r * cos, r * sin, z);
+            if direction.dot(around) >= least_cosine {
+                search.improve(direction, &mut best);
+            }
         }
         let mut step = (4.0 * PI / DIRECTIONS as f64).sqrt();
         for _ in 0..REFINEMENTS {
@@ -48,7 +53,10 @@ impl LampFit {
             let centre = best.1;
             for k in 0..8 {
                 let (sin, cos) = (TAU * f64::from(k) / 8.0).sin_cos();
-                search.improve((centre + step * (cos * x + sin * y)).normalize(), &mut best);
+                let direction = (centre + step * (cos * x + sin * y)).normalize();
+                if direction.dot(around) >= least_cosine {
+                    search.improve(direction, &mut best);
+                }
             }
             step *= 0.5;
         }
@@ -200,7 +208,7 @@ mod tests {
     fn lamp_and_ambient_are_found_from_half_of_all_normals() {
         for towards_light in [DVec3::new(0.48, -0.6, 0.64), DVec3::new(-0.8, 0.6, 0.0)] {
             let truth = LampFit { towards_light, channels: vec![(0.2, 1.5)] };
-            let found = LampFit::new(&seen(&truth.light(16)[0], DVec3::Z)).unwrap();
+            let found = LampFit::new(&seen(&truth.light(16)[0], DVec3::Z), DVec3::X, PI).unwrap();
             let angle = found.towards_light.angle_between(towards_light).to_degrees();
             // the last step of the search is 4 degrees / 2^5
             assert!(angle < 0.2, "{angle}");
@@ -215,8 +223,8 @@ mod tests {
         let mut dark_above = vec![0.0; 16];
         dark_above[0] = 1.0;
         dark_above[2] = -1.0;
-        let found = LampFit::new(&seen(&dark_above, DVec3::Z)).unwrap();
+        let found = LampFit::new(&seen(&dark_above, DVec3::Z), DVec3::Z, PI).unwrap();
         assert!(found.channels.iter().all(|&(a, e)| a >= 0.0 && e >= 0.0), "{found:?}");
-        assert_eq!(LampFit::new(&seen(&[0.0; 16], DVec3::Z)), None);
+        assert_eq!(LampFit::new(&seen(&[0.0; 16], DVec3::Z), DVec3::Z, PI), None);
     }
 }

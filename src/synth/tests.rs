@@ -13,7 +13,6 @@ use crate::scene::analytic::{self, AnalyticScene};
 use glam::{Affine3A, DVec3, Quat, Vec3, Vec3A};
 use std::f64::consts::PI;
 use std::fs;
-use std::path::Path;
 
 fn black() -> Environment {
     Environment::Uniform(Vec3A::ZERO)
@@ -187,12 +186,8 @@ fn true_light_of_an_area_light_matches_quadrature_over_directions() {
 /// The lamp of a sequence made with another path tracer: the same shape of light, 16 coefficients.
 #[test]
 fn true_light_agrees_with_that_of_another_path_tracer() {
-    let root = std::env::var("KINLIGHT_DATA").unwrap_or_else(|_| "../shared/data".into());
-    let path = Path::new(&root).join("mitsuba-sample/light.json");
-    let Ok(text) = fs::read_to_string(&path) else {
-        println!("SKIPPED: {} is absent", path.display());
-        return;
-    };
+    let Some(path) = crate::test_data::real_data("mitsuba-sample/light.json") else { return };
+    let text = fs::read_to_string(&path).expect("a readable file");
     let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     let vector = |v: &serde_json::Value| -> Vec<f64> {
         v.as_array().expect("a list").iter().map(|v| v.as_f64().expect("a number")).collect()

@@ -3,7 +3,13 @@
 
 pub mod recording;
 
-use std::path::{Path, PathBuf};
+#[path = "../../src/test_data.rs"]
+mod test_data;
+
+#[allow(unused_imports, reason = "each test binary uses a part")]
+pub use test_data::real_data as real_sequence;
+
+use std::path::Path;
 use std::process::{Command, Output};
 
 pub fn kinlight(args: &[&str]) -> Output {
@@ -19,20 +25,6 @@ pub fn kinlight_json(args: &[&str]) -> serde_json::Value {
     let output = kinlight(&[args, &["--json"]].concat());
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).expect("one JSON value on standard output")
-}
-
-/// Real recordings, where they are at hand; says so where not.
-pub fn real_sequence(name: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("KINLIGHT_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let path = root.join(name);
-    if path.is_dir() {
-        return Some(path);
-    }
-    skipped(&format!("no {name} below KINLIGHT_DATA or ../shared/data"));
-    None
 }
 
 pub fn text(path: &Path) -> &str {

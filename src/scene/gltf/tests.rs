@@ -359,12 +359,7 @@ fn scene_files_name_what_is_wrong() {
 
 #[test]
 fn real_assets_load() {
-    let data = std::env::var("KINLIGHT_DATA").unwrap_or_else(|_| "../shared/data".to_owned());
-    let folder = Path::new(&data).join("meshes");
-    if !folder.is_dir() {
-        println!("SKIPPED: no {}", folder.display());
-        return;
-    }
+    let Some(folder) = crate::test_data::real_data("meshes") else { return };
     // triangles as the files' own index counts say
     for (file, triangles, textured) in [
         ("Duck", 4212, 1),
