@@ -210,8 +210,9 @@ mod tests {
             let truth = LampFit { towards_light, channels: vec![(0.2, 1.5)] };
             let found = LampFit::new(&seen(&truth.light(16)[0], DVec3::Z), DVec3::X, PI).unwrap();
             let angle = found.towards_light.angle_between(towards_light).to_degrees();
-            // the last step of the search is 4 degrees / 2^5
-            assert!(angle < 0.2, "{angle}");
+            // the ridge draws the lamp towards where more of the surfaces face: measured 0.1 and, for the one
+            // that none of them faces, 1.1
+            assert!(angle < 1.5, "{angle}");
             // the ridge takes about its own share, 1 %
             assert!((found.channels[0].0 / 0.2 - 1.0).abs() < 0.02, "{found:?}");
             assert!((found.channels[0].1 / 1.5 - 1.0).abs() < 0.02, "{found:?}");

@@ -10,9 +10,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 /// in f32 over short chunks.
 const RANK_TOLERANCE: f64 = 1e-7;
 
-/// How far the lamp may be from the direction that the dark prior finds. A lamp explains surfaces of
-/// different albedo by shadows and light that are not there; unbounded, it was off by 75 and 125
-/// degrees in two of twelve made scenes where the dark prior is off by 6 and 2.
+/// How far the lamp may be from the direction that the dark prior finds.
 const LAMP_REACH_RAD: f64 = 0.2;
 
 /// Least squares with a quadratic penalty, (N + P) l = b + P m with diagonal P: every coefficient is
@@ -50,12 +48,22 @@ impl Prior {
     }
 }
 
-/// The lamp is looked for around the direction that the dark prior finds.
+/// Bands 0 and 1 as the dark prior finds them, the others as the lamp has them that fits best around
+/// that direction.
+///
+/// The lamp alone as the mean of all bands explains surfaces of different albedo by light that is not
+/// there: in two of twelve made scenes it is off by 75 and 125 degrees where the dark prior is off by
+/// 6 and 2. Dominant direction, and relative L2 of all coefficients, median over the twelve scenes:
+/// dark 13.9 degrees and 0.78, the lamp in all bands 28.6 and 0.66, as it is here 14.7 and 0.58.
 fn lamp_light(equations: &NormalEquations, dark: &Prior) -> Option<Vec<Vec<f64>>> {
     let channels = solve(equations, dark).light;
     let band = |i: usize| channels.iter().map(|c| c.get(i).copied().unwrap_or(0.0)).sum::<f64>();
     let around = DVec3::new(band(3), band(1), band(2)).try_normalize()?;
-    Some(LampFit::new(equations, around, LAMP_REACH_RAD)?.light(equations.n))
+    let mut light = LampFit::new(equations, around, LAMP_REACH_RAD)?.light(equations.n);
+    for (mean, dark) in light.iter_mut().zip(&channels) {
+        mean[..4].copy_from_slice(&dark[..4]);
+    }
+    Some(light)
 }
 
 /// Solution for every channel, and the inverse that their deviations come from.
