@@ -177,7 +177,7 @@ fn median_neighbour_angle(points: &[DVec3]) -> Option<f64> {
 
 /// Distances in (nearest, radius], denser near (as the square of a uniform share), since a small thing
 /// nearby hides as much as a large one far off. Against the path-traced shadow of a figure of 18 cm,
-/// three samples find 69 % of what it hides, and uniformly spaced ones about a third. Geometric
+/// three samples within 0.6 m find 69 % of what it hides, and four uniformly spaced ones within 1 m a third. Geometric
 /// spacing does as well there and worse for walls (relative L2 error of transfer 0.48 against 0.41).
 /// Stratified over the tile in each direction, and of low discrepancy
 /// over the directions in each pixel.
