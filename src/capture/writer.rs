@@ -7,6 +7,7 @@
 use super::CaptureError;
 use crate::image::Image;
 use crate::math::{Pinhole, Pose};
+use crate::output::{OutputError, atomic_write};
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageResult};
@@ -108,12 +109,11 @@ fn grey_png(
 
 /// Writes to a temporary name beside `path`, then renames: readers see all of the file or none.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), CaptureError> {
-    let mut temporary = path.as_os_str().to_owned();
-    temporary.push(".tmp");
-    let temporary = PathBuf::from(temporary);
-    fs::write(&temporary, bytes)
-        .and_then(|()| fs::rename(&temporary, path))
-        .map_err(|source| io_error(path, source))
+    atomic_write(path, |out| out.write_all(bytes)).map_err(|error| match error {
+        OutputError::Io { path, source } => CaptureError::Io { path, source },
+        // These name the path themselves.
+        other => CaptureError::Sequence(other.to_string()),
+    })
 }
 
 fn io_error(path: &Path, source: std::io::Error) -> CaptureError {
