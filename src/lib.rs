@@ -36,6 +36,10 @@ pub mod replay;
 
 pub mod synth;
 
+pub mod study;
+
+pub mod report;
+
 pub mod config;
 pub mod image;
 pub mod math;

@@ -1,5 +1,10 @@
 //! The command line. Names here are relied on by scripts.
 
+use super::report::ReportArgs;
+use super::study_composite::CompositeStudyArgs;
+use super::study_estimator::EstimatorStudyArgs;
+use super::study_light::LightStudyArgs;
+use super::tradeoff::TradeoffArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use kinlight::capture::writer::ColorFormat;
 use kinlight::synth::SynthOptions;
@@ -32,6 +37,20 @@ pub enum Command {
     Info(InfoArgs),
     /// Render a test sequence with exact depth, poses and light.
     Synth(SynthArgs),
+    /// Measure many runs against the truth.
+    Study {
+        #[command(subcommand)]
+        study: Study,
+    },
+    Tradeoff(TradeoffArgs),
+    Report(ReportArgs),
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Study {
+    Light(LightStudyArgs),
+    Composite(CompositeStudyArgs),
+    Estimator(EstimatorStudyArgs),
 }
 
 #[derive(Debug, Args)]

@@ -4,9 +4,14 @@ mod args;
 mod commands;
 mod objects;
 mod pictures;
+mod report;
 mod setup;
+mod study_composite;
+mod study_estimator;
+mod study_light;
+mod tradeoff;
 
-use args::{Cli, Command};
+use args::{Cli, Command, Study};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -56,6 +61,11 @@ pub fn main() -> ExitCode {
         Command::Compare(args) => commands::compare(args, talk),
         Command::Info(args) => commands::info(args, talk),
         Command::Synth(args) => commands::synth(args, talk),
+        Command::Study { study: Study::Light(args) } => study_light::run(args, talk),
+        Command::Study { study: Study::Composite(args) } => study_composite::run(args, talk),
+        Command::Study { study: Study::Estimator(args) } => study_estimator::run(args, talk),
+        Command::Tradeoff(args) => tradeoff::run(args, talk),
+        Command::Report(args) => report::run(args, talk),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

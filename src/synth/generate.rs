@@ -151,6 +151,9 @@ fn read_environment(path: &Path) -> Result<LatLong, SynthError> {
     LatLong::new(Image::from_vec(size, rgb)).ok_or_else(|| file_error(path, "an empty picture"))
 }
 
+/// The options of a sequence, written last: a folder that has it is complete.
+pub const OPTIONS_FILE: &str = "synth.json";
+
 const FRAMES_PER_S: f64 = 30.0;
 /// Recordings do not begin at time 0.
 const START_S: f64 = 1000.0;
@@ -212,6 +215,9 @@ pub fn generate(
         write_whole(&out_dir.join("virtual.json"), text.as_bytes())?;
     }
     writer.finish()?;
+    let path = out_dir.join(OPTIONS_FILE);
+    let text = serde_json::to_string_pretty(options).map_err(|e| file_error(&path, e))?;
+    write_whole(&path, format!("{text}\n").as_bytes())?;
     Ok(())
 }
 

@@ -30,4 +30,4 @@ mod sequence_tests;
 #[cfg(test)]
 mod tests;
 
-pub use generate::{SynthError, SynthOptions, generate};
+pub use generate::{OPTIONS_FILE, SynthError, SynthOptions, generate};

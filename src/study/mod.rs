@@ -1,0 +1,45 @@
+//! Studies: many runs over sequences whose truth is known, as records that tables, plots and the
+//! report are made from.
+//!
+//! ```text
+//! SequenceStore (made once) -> each_frame (pipeline) -> measures of eval -> a study's record -> JSON, CSV
+//! ```
+
+pub mod composite;
+pub mod light;
+mod machine;
+mod runs;
+mod sequences;
+pub mod tradeoff;
+
+pub use machine::Machine;
+pub use runs::{each_frame, open_made};
+pub use sequences::SequenceStore;
+
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    #[error(transparent)]
+    Synth(#[from] crate::synth::SynthError),
+    #[error(transparent)]
+    Capture(#[from] crate::capture::CaptureError),
+    #[error(transparent)]
+    Pipeline(#[from] crate::pipeline::PipelineError),
+    #[error(transparent)]
+    Settings(#[from] crate::config::SettingsError),
+    #[error(transparent)]
+    Eval(#[from] crate::eval::EvalError),
+    #[error(transparent)]
+    Output(#[from] crate::output::OutputError),
+    #[error("{path}: {problem}")]
+    File { path: String, problem: String },
+    #[error("{0}")]
+    Options(String),
+}
+
+/// Median of the finite values: the mean of the two in the middle for an even count.
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
+}
