@@ -26,7 +26,6 @@
 
 use super::batch::{Batch, Scratch, hiddenness};
 use super::directions::LANES;
-use super::influence::VirtualFootprint;
 use super::occluder::Occluder;
 use super::radiance_transfer::{Buffers, Pass};
 use crate::geometry::{GBuffer, Origin};
@@ -37,8 +36,6 @@ use glam::{Vec2, Vec3};
 pub(super) struct BounceInput<'a> {
     pub buffers: Buffers<'a>,
     pub radiance: (&'a Image<[f32; 3]>, &'a [Image<[f32; 3]>]),
-    pub footprints: &'a [VirtualFootprint],
-    pub radius_m: f32,
     pub strength: f32,
 }
 
@@ -55,32 +52,34 @@ impl BounceInput<'_> {
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
     "x86_64+avx2+fma+bmi2"
 ))]
-pub(super) fn bounce_row(
+pub(super) fn bounce_blocks(
     pass: &Pass,
     input: &BounceInput,
-    j: usize,
-    row: &mut [[f32; 3]],
+    top: usize,
+    rows: &mut [[f32; 3]],
     scratch: &mut Scratch,
 ) {
-    let size = pass.main.size();
-    let origin = pass.main.origin.row(pass.grid.pixel(j, size.height));
-    for (b, out) in row.chunks_mut(LANES).enumerate() {
-        out.fill([0.0; 3]);
-        let batch = Batch::gather(pass.main, &pass.receivers, &pass.grid, b * LANES, j);
-        let mut on_virtual = [false; LANES];
-        for i in 0..batch.count {
-            let u = pass.grid.pixel(batch.i + i, size.width);
-            on_virtual[i] = batch.valid[i] & (origin[u] == Origin::Virtual);
-        }
-        let reached = || input.footprints.iter().any(|f| f.may_meet(&batch, input.radius_m));
-        if !batch.any_valid() || !(on_virtual.contains(&true) || reached()) {
+    rows.fill([0.0; 3]);
+    let origin = pass.main.origin.as_slice();
+    for (left, cell) in pass.grid.batches() {
+        let batch = Batch::gather(pass.main, &pass.receivers, &pass.grid, (left, top), cell);
+        if !batch.any_valid() {
             continue;
         }
-        let sum = scratch.look::<true>(&batch, pass.set, pass.occluders);
-        for (i, out) in out.iter_mut().enumerate().filter(|(i, _)| batch.valid[*i] && sum[*i] > 0.0)
-        {
+        let on_virtual: [bool; LANES] =
+            std::array::from_fn(|i| batch.valid[i] & (origin[batch.pixel[i]] == Origin::Virtual));
+        let sum = scratch.face(&batch, pass.set);
+        if !on_virtual.contains(&true) {
+            // Only directions that may end on a virtual surface.
+            scratch.narrow(&batch, pass.set, pass.changed);
+            if scratch.active.is_empty() {
+                continue;
+            }
+        }
+        scratch.look::<true>(&batch, pass.set, pass.occluders);
+        for i in (0..LANES).filter(|&i| batch.valid[i] && sum[i] > 0.0) {
             let light = gathered(pass, input, &batch, i, on_virtual[i], scratch);
-            *out = (light * (input.strength / sum[i])).to_array();
+            rows[batch.index[i]] = (light * (input.strength / sum[i])).to_array();
         }
     }
 }
@@ -97,7 +96,7 @@ fn gathered(
     let world_from_main = pass.world_from_main;
     let x = world_from_main.transform_point3(Vec3::from(batch.x.map(|axis| axis[i])));
     let mut light = Vec3::ZERO;
-    for k in 0..scratch.active.len() {
+    for k in scratch.active.iter().map(|&direction| direction as usize) {
         let cosine = scratch.cosine[k][i];
         let hidden = hiddenness(scratch.best[k][i], pass.set.chi);
         if cosine <= 0.0 || hidden <= 0.0 {

@@ -28,8 +28,10 @@ pub struct DirectionSet {
     pub(super) samples: usize,
     /// `row_length` values of Y a direction, zero beyond the bands.
     rows: Vec<f32>,
-    /// Metres; [tile row][direction][tile column, repeated so that 16 follow any column].
-    distances_m: Vec<f32>,
+    /// Metres; [tile row][tile column][chunk of slots]. A slot stands for one sample of one direction;
+    /// slots beyond the last are 0.
+    distances_m: Vec<[f32; LANES]>,
+    slot_directions: Vec<u32>,
 }
 
 impl DirectionSet {
@@ -60,12 +62,19 @@ impl DirectionSet {
             samples: params.samples,
             rows,
             distances_m: tiled_distances(params),
+            slot_directions: (0..points.len() as u32)
+                .flat_map(|direction| std::iter::repeat_n(direction, params.samples))
+                .collect(),
             directions,
         })
     }
 
     pub fn len(&self) -> usize {
         self.directions.len()
+    }
+
+    pub(super) fn bands(&self) -> usize {
+        self.bands
     }
 
     pub fn is_empty(&self) -> bool {
@@ -79,22 +88,32 @@ impl DirectionSet {
 
     /// Distance in metres of the sample in `direction` at grid point (i, j).
     pub fn distance_m(&self, direction: usize, sample: usize, i: usize, j: usize) -> f32 {
-        self.distances(direction, sample, i, j)[0]
+        let slot = direction * self.samples + sample;
+        self.distances(i % self.tile, j % self.tile)[slot / LANES][slot % LANES]
     }
 
-    /// The distances of 16 grid points in a row, from (i, j) on.
+    /// Distances of all slots at the grid points of one cell of the tile.
     #[inline(always)]
-    pub(super) fn distances(
-        &self,
-        direction: usize,
-        sample: usize,
-        i: usize,
-        j: usize,
-    ) -> &[f32; LANES] {
-        let stride = self.tile + LANES;
-        let line = ((j % self.tile) * self.len() + direction) * self.samples + sample;
-        let start = line * stride + i % self.tile;
-        self.distances_m[start..].first_chunk().expect("16 distances follow any tile column")
+    pub(super) fn distances(&self, column: usize, row: usize) -> &[[f32; LANES]] {
+        let chunks = self.chunks();
+        let cell = row * self.tile + column;
+        &self.distances_m[cell * chunks..(cell + 1) * chunks]
+    }
+
+    /// Lane arrays that hold one slot for each sample of each direction.
+    pub(super) fn chunks(&self) -> usize {
+        (self.len() * self.samples).div_ceil(LANES)
+    }
+
+    #[inline(always)]
+    pub(super) fn direction_of(&self, slot: usize) -> usize {
+        self.slot_directions[slot] as usize
+    }
+
+    /// The slots of a direction's samples.
+    #[inline(always)]
+    pub(super) fn slots(&self, direction: usize) -> std::ops::Range<usize> {
+        direction * self.samples..(direction + 1) * self.samples
     }
 
     /// Y of a direction, padded with zeros to a multiple of 16.
@@ -184,24 +203,22 @@ fn median_neighbour_angle(points: &[DVec3]) -> Option<f64> {
 ///
 /// Direction k has a fraction of k sqrt(2) (the lattice's azimuth uses up the golden ratio); each
 /// cell of the tile adds its own of the evenly spaced shifts to it.
-fn tiled_distances(params: &TransferParams) -> Vec<f32> {
+fn tiled_distances(params: &TransferParams) -> Vec<[f32; LANES]> {
     let tile = params.jitter_tile;
     let cells = (tile * tile) as f64;
     let (nearest_m, radius_m) = (f64::from(params.nearest_m), f64::from(params.radius_m));
     let start = f64::from(unit_f32(hash(params.seed ^ 0x5bd1_e995)));
-    let mut out = Vec::with_capacity(tile * params.directions * params.samples * (tile + LANES));
-    for row in 0..tile {
-        for direction in 0..params.directions {
+    let slots = params.directions * params.samples;
+    let mut out = vec![[0.0; LANES]; tile * tile * slots.div_ceil(LANES)];
+    for (cell, chunks) in out.chunks_exact_mut(slots.div_ceil(LANES)).enumerate() {
+        let stratum = cell_order(cell / tile, cell % tile, tile);
+        let distances = chunks.as_flattened_mut()[..slots].iter_mut();
+        for (slot, distance) in distances.enumerate() {
+            let (direction, sample) = (slot / params.samples, slot % params.samples);
             let base = start + direction as f64 * std::f64::consts::SQRT_2;
-            for sample in 0..params.samples {
-                for column in 0..tile + LANES {
-                    let stratum = cell_order(row, column % tile, tile);
-                    let within = 1.0 - (base + stratum as f64 / cells).fract();
-                    let share = (sample as f64 + within) / params.samples as f64;
-                    let distance = nearest_m + (radius_m - nearest_m) * share * share;
-                    out.push(distance as f32);
-                }
-            }
+            let within = 1.0 - (base + stratum as f64 / cells).fract();
+            let share = (sample as f64 + within) / params.samples as f64;
+            *distance = (nearest_m + (radius_m - nearest_m) * share * share) as f32;
         }
     }
     out

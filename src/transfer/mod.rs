@@ -27,8 +27,8 @@ mod batch;
 mod bounce;
 mod directions;
 mod hull;
-mod influence;
 mod occluder;
+mod pyramid;
 mod radiance_transfer;
 pub mod reference;
 #[cfg(test)]

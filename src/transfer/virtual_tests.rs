@@ -58,12 +58,21 @@ impl Insertion {
     }
 }
 
+/// |Y| is at most (7 / 4 pi)^(1/2) < 0.75 in 4 bands, and shares make up 1. So each of the three sums, of what real,
+/// merged and changed directions hide, is below 0.75 and rounds at most 32 times by half a unit, 2^-25 of 1.
+const ROUNDING: f32 = 3.0 * 32.0 / (1 << 25) as f32;
+
+fn difference(a: &TransferMap, b: &TransferMap) -> f32 {
+    let pairs = a.coefficients.iter().zip(&b.coefficients);
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
 fn sum(map: &IndirectMap) -> Vec3 {
     map.rgb.iter().map(|&c| Vec3::from(c)).sum()
 }
 
 #[test]
-fn only_what_virtual_pixels_reach_is_redone_and_the_bits_are_the_same() {
+fn only_what_virtual_pixels_reach_is_redone_and_all_else_keeps_its_bits() {
     let scene = Insertion::ball();
     for (step, radius_m) in [(1, 0.2), (2, 0.5), (4, 1.0), (3, 5.0)] {
         let params = TransferParams { subsampling: step, radius_m, ..TransferParams::default() };
@@ -75,7 +84,7 @@ fn only_what_virtual_pixels_reach_is_redone_and_the_bits_are_the_same() {
         assert_ne!(real, whole);
         let mut out = TransferMap::default();
         stage.transfer_with_virtual(scene.real(), scene.merged(), &real, &mut out);
-        assert_eq!(out, whole, "step {step}");
+        assert!(difference(&out, &whole) < ROUNDING, "step {step}: {}", difference(&out, &whole));
         // Marked values show what was copied.
         let mut marked = real.clone();
         marked.coefficients.fill(7.0);
