@@ -18,6 +18,7 @@ use crate::scene::{Rasteriser, VirtualScene};
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::{OnLost, Tracker, Tracking, TrackingState};
 use crate::transfer::{IndirectMap, RadianceTransfer, TransferMap};
+use glam::Vec3;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
@@ -244,8 +245,9 @@ impl Pipeline {
         times.measure(Stage::RadTransfer, || {
             self.radiance_transfer.transfer(real, auxiliary, real_transfer);
         });
-        let light =
-            times.measure(Stage::LightEst, || self.estimator.estimate(frame, real, real_transfer));
+        let at = light_point(&self.settings, self.origin.as_ref(), &self.scene);
+        let light = times
+            .measure(Stage::LightEst, || self.estimator.estimate(frame, real, real_transfer, at));
 
         times.measure(Stage::Rendering, || {
             self.scene.resolve(frame.index, real);
@@ -327,6 +329,19 @@ impl Pipeline {
         }
         mesh
     }
+}
+
+/// Where the light is wanted, near the local origin.
+fn light_point(
+    settings: &Settings,
+    origin: Option<&WorldOrigin>,
+    scene: &VirtualScene,
+) -> Option<Vec3> {
+    if let (Some(at), Some(origin)) = (settings.light.at, origin) {
+        return Some(origin.local_point(at));
+    }
+    let (sum, count) = scene.bounds().fold((Vec3::ZERO, 0), |(sum, n), b| (sum + b.centre, n + 1));
+    (count > 0).then(|| sum / count as f32)
 }
 
 impl FrameBuffers {

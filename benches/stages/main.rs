@@ -159,10 +159,10 @@ fn light_est(bencher: Bencher, stride: usize) {
     let transfer = &fixture.lit(if stride == 4 { 4 } else { 1 }).real_transfer;
     let mut stage = LightEstimator::new(&params);
     let real = &fixture.stages.real;
-    let pixels = stage.estimate(&fixture.frame, real, transfer).pixels;
+    let pixels = stage.estimate(&fixture.frame, real, transfer, None).pixels;
     bencher
         .counter(ItemsCount::new(pixels * PER_PIXEL))
-        .bench_local(|| stage.estimate(&fixture.frame, real, transfer));
+        .bench_local(|| stage.estimate(&fixture.frame, real, transfer, None));
 }
 
 /// The geometry buffer is read and written; albedo (12 B) and coverage (4 B) are written.
