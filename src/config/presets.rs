@@ -37,6 +37,32 @@ pub const ALL: &[Preset] = &[
         base: Some("ours-fast"),
         changes: &[("volume.resolution", "64"), ("dyn_geo.denoise", "false")],
     },
+    Preset {
+        name: "gr12",
+        summary: "ray-traced transfer through the volume at every pixel, the model alone as geometry",
+        base: Some("ours"),
+        changes: &[
+            ("transfer.method", "ray-traced"),
+            ("bounce.enabled", "false"),
+            ("surface.left", "false"),
+            ("surface.right", "false"),
+            ("surface.top", "false"),
+            ("surface.light", "false"),
+            ("dyn_geo.merge", "false"),
+            ("dyn_geo.smooth", "false"),
+            ("dyn_geo.denoise", "false"),
+        ],
+    },
+    Preset {
+        name: "gr14",
+        summary: "gr12 on every 4th pixel in x and y, refined at edges of depth and normals",
+        base: Some("gr12"),
+        changes: &[
+            ("transfer.subsampling", "4"),
+            ("transfer.refine", "true"),
+            ("light.stride", "4"),
+        ],
+    },
 ];
 
 pub(super) fn settings(name: &str) -> Result<Settings, SettingsError> {

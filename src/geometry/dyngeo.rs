@@ -64,6 +64,9 @@ impl DynGeo {
         let size = model.size();
         assert_eq!(frame.depth_m.size(), size, "sensor depth against model");
         assert_eq!(frame.intensity.size(), size, "intensity against model");
+        if !(self.params.merge || self.params.smooth || self.params.denoise) {
+            return out.copy_from(model);
+        }
         out.set_view(model.view);
 
         let guide = Guide { image: &frame.intensity, threshold: self.params.intensity_threshold };
