@@ -91,7 +91,7 @@ mod tests {
     fn distances_are_those_of_the_nearest_block() {
         for (grid, blocks) in [(1, 1), (5, 2), (24, 4), (64, 3), (9, 0)] {
             let mut store = BlockStore::new(grid, false);
-            let mut rng = Rng::new(&[grid as u64]);
+            let mut rng = Rng::new(&[grid as u32]);
             let pick = |rng: &mut Rng| ((rng.uniform() * grid as f32) as usize).min(grid - 1);
             let places: Vec<[usize; 3]> =
                 (0..blocks).map(|_| [0; 3].map(|_| pick(&mut rng))).collect();

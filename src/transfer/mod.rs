@@ -1,5 +1,5 @@
 //! Radiance transfer in image space: SSDO visibility projected into spherical harmonics
-//! (Gruber et al. 2015, Sec. 5.1 and 5.3).
+//! (Gruber et al. 2015, Sec. 5.1 and 5.3); and, to compare with, by rays ([`RayTracedTransfer`]).
 //!
 //! For a surface point x with normal n, each direction w_j with n.w_j > 0 has a sample y_j = x + r_j w_j.
 //! It is looked up in every geometry buffer; where it lies behind the surface s_j seen there, w_j

@@ -80,21 +80,6 @@ impl RayTracedTransfer {
         })
     }
 
-    pub fn params(&self) -> &TransferParams {
-        &self.params
-    }
-
-    pub fn direction_set(&self) -> &DirectionSet {
-        &self.set
-    }
-
-    /// Memory for hits and coarse maps, kept from call to call.
-    pub fn memory_bytes(&self) -> usize {
-        let Refined { real, merged, trail, .. } = &self.refined;
-        let maps = real.map.coefficients.capacity() + merged.map.coefficients.capacity();
-        self.trail.memory_bytes() + trail.memory_bytes() + maps * size_of::<f32>()
-    }
-
     /// Transfer of every grid point of `main`; of every pixel, with refinement.
     pub fn transfer(&mut self, volume: &TsdfVolume, main: &GBuffer, out: &mut TransferMap) {
         self.space.survey(volume);

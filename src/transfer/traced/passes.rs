@@ -40,10 +40,6 @@ impl Trail {
         self.how.len() == points
     }
 
-    pub fn memory_bytes(&self) -> usize {
-        self.how.capacity() * size_of::<How>() + self.hits.capacity() * size_of::<u32>()
-    }
-
     fn row(&self, j: usize, width: usize) -> TrailRow<'_> {
         let range = j * width..(j + 1) * width;
         let hits = &self.hits[range.start * self.words..range.end * self.words];
