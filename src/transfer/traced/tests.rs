@@ -109,10 +109,10 @@ fn a_plane_in_the_volume_hides_nothing() {
 
 /// The measured figures, each with a tenth to spare: what remains is the finite set of directions,
 /// voxels of 8 mm, and parts that no view saw. Image-space samples of the same scene and directions
-/// (five buffers) find less.
+/// (five buffers) are off by 0.167 and 0.106.
 #[test]
 fn walls_and_things_hide_what_they_hide_in_the_exact_scene() {
-    let scenes = [("wall", wall(), 0.103, 0.048), ("desk", desk(), 0.1, 0.1)];
+    let scenes = [("wall", wall(), 0.103, 0.048), ("desk", desk(), 0.083, 0.023)];
     let errors = scenes.map(|(name, scene, limit_32, limit_256)| {
         let volume = fused(&scene, 256);
         let main = scene.render(&camera(67, 43));
