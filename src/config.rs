@@ -241,6 +241,16 @@ mod tests {
     }
 
     #[test]
+    fn rays_have_no_bounce() {
+        let mut s = Settings::default();
+        s.assign("transfer.method=ray-traced").unwrap();
+        let error = s.validate().unwrap_err().to_string();
+        assert!(error.contains("bounce.enabled is true"), "{error}");
+        s.assign("bounce.enabled=false").unwrap();
+        s.validate().unwrap();
+    }
+
+    #[test]
     fn a_file_changes_only_what_it_names() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("s.toml");

@@ -93,4 +93,16 @@ mod tests {
         fast.light.stride = ours.light.stride;
         assert_eq!(fast, ours);
     }
+
+    #[test]
+    fn the_ray_traced_presets_take_the_model_alone_and_differ_only_in_sampling() {
+        let (gr12, mut gr14) = (settings("gr12").unwrap(), settings("gr14").unwrap());
+        assert_eq!(gr12.transfer.method, crate::transfer::TransferMethod::RayTraced);
+        assert_eq!(gr12.transfer.ray_length_m, gr12.transfer.radius_m, "both look equally far");
+        assert!(!gr12.bounce.enabled && !gr12.dyn_geo.merge && !gr12.surface.light);
+        assert!(gr14.transfer.refine && gr14.transfer.subsampling == 4);
+        gr14.transfer = gr12.transfer.clone();
+        gr14.light.stride = gr12.light.stride;
+        assert_eq!(gr14, gr12);
+    }
 }

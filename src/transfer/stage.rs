@@ -28,7 +28,7 @@ pub struct MergedScene<'a> {
 #[derive(Debug)]
 pub enum TransferStage {
     ImageSpace(RadianceTransfer),
-    RayTraced(RayTracedTransfer),
+    RayTraced(Box<RayTracedTransfer>),
 }
 
 impl TransferStage {
@@ -36,7 +36,7 @@ impl TransferStage {
         bounce.check_with(params)?;
         Ok(match params.method {
             TransferMethod::ImageSpace => Self::ImageSpace(RadianceTransfer::new(params, bounce)?),
-            TransferMethod::RayTraced => Self::RayTraced(RayTracedTransfer::new(params)?),
+            TransferMethod::RayTraced => Self::RayTraced(Box::new(RayTracedTransfer::new(params)?)),
         })
     }
 
