@@ -56,7 +56,8 @@ impl DynGeo {
     /// normals, origin [`Model`](super::Origin::Model) or [`Sensor`](super::Origin::Sensor).
     ///
     /// `model` is ray-cast from the volume into the camera of `frame`. A sensor pixel may end
-    /// without a normal (0) where no neighbour lies on its surface.
+    /// without a normal (0) where no neighbour lies on its surface. With all passes off, `out` is the
+    /// model itself.
     ///
     /// # Panics
     /// If frame and model differ in size.
