@@ -24,10 +24,10 @@ pub struct MergedScene<'a> {
     pub auxiliary: &'a [GBuffer],
 }
 
-/// Radiance transfer by the method that the settings ask for.
+/// Radiance transfer by the method that the settings ask for; boxed, as the two differ much in size.
 #[derive(Debug)]
 pub enum TransferStage {
-    ImageSpace(RadianceTransfer),
+    ImageSpace(Box<RadianceTransfer>),
     RayTraced(Box<RayTracedTransfer>),
 }
 
@@ -35,7 +35,9 @@ impl TransferStage {
     pub fn new(params: &TransferParams, bounce: &BounceParams) -> Result<Self, TransferError> {
         bounce.check_with(params)?;
         Ok(match params.method {
-            TransferMethod::ImageSpace => Self::ImageSpace(RadianceTransfer::new(params, bounce)?),
+            TransferMethod::ImageSpace => {
+                Self::ImageSpace(Box::new(RadianceTransfer::new(params, bounce)?))
+            }
             TransferMethod::RayTraced => Self::RayTraced(Box::new(RayTracedTransfer::new(params)?)),
         })
     }
