@@ -17,7 +17,7 @@ use crate::mesh::TriangleMesh;
 use crate::scene::{Rasteriser, VirtualScene};
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::{OnLost, Tracker, Tracking, TrackingState};
-use crate::transfer::{IndirectMap, RadianceTransfer, TransferMap};
+use crate::transfer::{IndirectMap, MergedScene, RealScene, TransferMap, TransferStage};
 use glam::Vec3;
 
 #[derive(Debug, thiserror::Error)]
@@ -70,7 +70,7 @@ pub struct Pipeline {
     tracker: Tracker,
     map: Option<Map>,
     dyn_geo: DynGeo,
-    radiance_transfer: RadianceTransfer,
+    radiance_transfer: TransferStage,
     estimator: LightEstimator,
     /// Of the last frame.
     light: Option<LightEstimate>,
@@ -104,7 +104,7 @@ impl Pipeline {
             input: InputStage::new(&settings.input),
             tracker: Tracker::new(&settings.tracking, camera),
             dyn_geo: DynGeo::new(&settings.dyn_geo),
-            radiance_transfer: RadianceTransfer::new(&settings.transfer, &settings.bounce)?,
+            radiance_transfer: TransferStage::new(&settings.transfer, &settings.bounce)?,
             estimator: LightEstimator::new(&settings.light),
             compositor: CompositingStage::new(&settings.compositing),
             rasteriser: Rasteriser::default(),
@@ -236,14 +236,15 @@ impl Pipeline {
 
     /// From the model seen in this frame's view to the composed picture.
     fn light_the_scene(&mut self, times: &mut StageTimes) -> Option<LightEstimate> {
-        let surface = &self.map.as_ref()?.surface;
+        let Map { volume, surface } = self.map.as_ref()?;
         let (model, auxiliary) = (&surface.main, &surface.auxiliary);
         let FrameBuffers { frame, real, merged, real_transfer, merged_transfer, indirect } =
             &mut self.last;
 
         times.measure(Stage::DynGeo, || self.dyn_geo.run(frame, model, real));
         times.measure(Stage::RadTransfer, || {
-            self.radiance_transfer.transfer(real, auxiliary, real_transfer);
+            let scene = RealScene { volume, main: real, auxiliary };
+            self.radiance_transfer.transfer(scene, real_transfer);
         });
         let at = light_point(&self.settings, self.origin.as_ref(), &self.scene);
         let light = times
@@ -254,16 +255,21 @@ impl Pipeline {
             merged.draw(&mut self.rasteriser, &self.scene, real, auxiliary);
         });
         times.measure(Stage::RadTransfer, || {
-            let with_virtual = (&merged.main, merged.auxiliary.as_slice());
+            let with_virtual = MergedScene {
+                objects: &self.scene,
+                main: &merged.main,
+                auxiliary: &merged.auxiliary,
+            };
             self.radiance_transfer.transfer_with_virtual(
-                (real, auxiliary),
+                RealScene { volume, main: real, auxiliary },
                 with_virtual,
                 real_transfer,
                 merged_transfer,
             );
-            if self.settings.bounce.enabled {
+            let bounce = self.radiance_transfer.bounce_stage();
+            if let (true, Some(stage)) = (self.settings.bounce.enabled, bounce) {
                 merged.radiate(&frame.color, &light, self.settings.light.mean_albedo);
-                self.radiance_transfer.bounce(
+                stage.bounce(
                     (&merged.main, &merged.auxiliary),
                     (&merged.radiance, &merged.auxiliary_radiance),
                     indirect,

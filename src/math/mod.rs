@@ -1,5 +1,6 @@
-//! Poses, views and spherical harmonics.
+//! Poses, views, spherical harmonics, and rays through boxes.
 
+pub mod bvh;
 pub mod color;
 mod fibonacci;
 pub mod random;

@@ -9,7 +9,6 @@
 //! the number of threads does not matter. The system's mathematical library has a small part in
 //! them (sRGB encoding, sensor noise), so two systems may differ by a step in a few pixels.
 
-pub mod bvh;
 mod generate;
 pub mod glb;
 pub mod kinect;

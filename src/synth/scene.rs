@@ -1,9 +1,9 @@
 //! A scene as data: objects, lights, what moves, and how the camera is held.
 
-use super::bvh::Aabb;
 use super::light::{AreaLight, Environment};
 use super::material::Material;
 use super::shape::Shape;
+use crate::math::bvh::Aabb;
 use crate::math::{Pose, pose_from_xyzw};
 use glam::{Affine3A, DMat3, DQuat, DVec3, Quat, Vec3, Vec3A};
 

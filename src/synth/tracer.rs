@@ -1,13 +1,13 @@
 //! The path tracer: next-event estimation and sampled directions, joined by multiple importance
 //! sampling with the power heuristic (Veach 1997).
 
-use super::bvh::{Bvh, Ray};
 use super::light::{AreaLight, Environment, LightSample};
 use super::material::Bsdf;
 use super::sampler::Sampler;
 use super::scene::Placed;
 use super::shape::{Shape, ShapeHit};
 use crate::image::Image;
+use crate::math::bvh::{Bvh, Ray};
 use crate::math::{Pinhole, Pose, affine_from_pose};
 use glam::{Affine3A, Vec2, Vec3, Vec3A};
 

@@ -1,11 +1,11 @@
 //! The true light of a sequence (`light.json`) and where its virtual object is (`virtual.json`,
 //! `scene.toml`).
 
-use super::bvh::Ray;
 use super::light::{AreaLight, Environment, Sh, add_direction, area_light_sh};
 use super::sampler::Sampler;
 use super::scene::{Scene, VirtualKind};
 use super::tracer::World;
+use crate::math::bvh::Ray;
 use crate::math::color::luminance;
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
