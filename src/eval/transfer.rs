@@ -16,6 +16,10 @@
 //! sequences, [`SurfaceRays`] over the reconstructed mesh for recordings. So is where they start:
 //! with the buffer that the map was computed from, visibility alone is measured; with
 //! [`crate::synth::TrueWorld::seen_in`] of the same view, errors of depth and normals count too.
+//!
+//! So is how long the rays are. The transfer stage looks no farther than its radius, and nothing
+//! outside the volume: unlimited rays in the true room count what it leaves out by design, rays of that
+//! radius what it gets wrong.
 
 #[cfg(test)]
 mod made_scene_tests;
@@ -72,7 +76,8 @@ pub struct TransferError {
 /// a normal do not count. The result is the same for any number of threads.
 ///
 /// # Errors
-/// `rays` or `every` of 0, a map that was not made for a buffer of this size, no point with a surface.
+/// `rays` or `every` of 0, a map that was not made for a buffer of this size, no point with a surface
+/// that light can reach.
 pub fn transfer_error(
     map: &TransferMap,
     receivers: &GBuffer,
@@ -93,7 +98,9 @@ pub fn transfer_error(
         })
         .collect();
     let sums = points.into_iter().flatten().fold(Sums::default(), Sums::plus);
-    sums.error().ok_or_else(|| EvalError::Undefined("transfer error of no surface".into()))
+    sums.error().ok_or_else(|| {
+        EvalError::Undefined("transfer error without a surface that light can reach".into())
+    })
 }
 
 fn check(
@@ -184,8 +191,11 @@ impl Sums {
         }
     }
 
-    /// `None` without points, or where no light reaches any.
+    /// `None` without points, or where no light reaches any but for the rounding of f32 coefficients.
     fn error(&self) -> Option<TransferError> {
+        if self.norm2 <= 1e-12 * self.points as f64 {
+            return None;
+        }
         let ratio = |a: f64, b: f64| (b > 0.0).then(|| (a / b).sqrt());
         let points = self.points as f64;
         Some(TransferError {

@@ -25,17 +25,18 @@ fn options(width: usize, height: usize) -> SynthOptions {
     }
 }
 
-/// The newest frame's transfer against true rays from the map's own points, against the true points'
-/// transfer, and against rays through the pipeline's own mesh.
+/// The newest frame's transfer against true rays from the map's own points (unlimited, and as long as the
+/// stage's radius), from the true points, and against rays through the pipeline's own mesh.
 struct Measured {
-    visibility: TransferError,
+    unlimited: TransferError,
+    near: TransferError,
     with_geometry: TransferError,
     own_mesh: TransferError,
 }
 
 fn measure(folder: &Path, truth: &TrueWorld, settings: Settings, rays: usize) -> Measured {
     let mut source = open_made(folder, true).expect("a sequence");
-    let step = settings.transfer.subsampling;
+    let (step, radius_m) = (settings.transfer.subsampling, settings.transfer.radius_m);
     let mut pipeline = Pipeline::new(settings, source.camera(), VirtualScene::default()).unwrap();
     each_frame(&mut source, &mut pipeline, &mut |_, _| Ok(())).expect("frames");
     let map = pipeline.transfer().expect("the newest frame's transfer");
@@ -45,7 +46,9 @@ fn measure(folder: &Path, truth: &TrueWorld, settings: Settings, rays: usize) ->
     let options = TransferErrorOptions { rays, every: 8 / step, ..Default::default() };
     let exact = TransferErrorOptions { lift_m: 1e-4, ..options };
     Measured {
-        visibility: transfer_error(map, real, true_rays, &options).expect("surfaces"),
+        unlimited: transfer_error(map, real, true_rays, &options).expect("surfaces"),
+        near: transfer_error(map, real, |p, d| truth.occluded(p, d, radius_m), &options)
+            .expect("surfaces"),
         with_geometry: transfer_error(map, &truth.seen_in(&truth.view), true_rays, &exact)
             .expect("surfaces"),
         own_mesh: transfer_error(map, real, |p, d| own.occluded(p, d), &options).expect("surfaces"),
@@ -68,11 +71,18 @@ fn error_of_the_default_on_a_made_desk_is_as_measured() {
     generate(&options, &path, &|_, _| {}).expect("a free folder");
     let truth = true_world(&options, LAST).expect("the last frame");
     let found = measure(&path, &truth, settings(32, 4), 128);
-    println!("{:?}\n{:?}\n{:?}", found.visibility, found.with_geometry, found.own_mesh);
-    let Measured { visibility, with_geometry, own_mesh } = found;
-    assert!(visibility.relative_l2 < 1.1 * 0.2, "{visibility:?}");
-    assert!(with_geometry.relative_l2 < 1.1 * 0.3, "{with_geometry:?}");
-    assert!(own_mesh.relative_l2 < 1.1 * 0.2, "{own_mesh:?}");
+    println!("{:?}\n{:?}", found.unlimited, found.near);
+    println!("{:?}\n{:?}", found.with_geometry, found.own_mesh);
+    // A wall 3 m high stands behind the desk, of which the volume holds the lowest metre: without
+    // occlusion the first would be 0.72, against the own mesh 0.33.
+    let below = |error: TransferError, measured: f64| {
+        assert!(error.relative_l2 < 1.1 * measured, "{measured}: {error:?}");
+        assert!(error.hidden_relative_l2.is_some_and(|e| e < 0.9), "{error:?}");
+    };
+    below(found.unlimited, 0.553);
+    below(found.with_geometry, 0.596);
+    below(found.own_mesh, 0.222);
+    assert!(found.near.relative_l2 < found.near.open_relative_l2, "{:?}", found.near);
 }
 
 /// The trade of directions and step, printed.
@@ -84,19 +94,21 @@ fn table_of_directions_and_steps() {
     let options = options(320, 240);
     generate(&options, &path, &|_, _| {}).expect("a free folder");
     let truth = true_world(&options, LAST).expect("the last frame");
-    println!("N step | true rays: whole, hidden part, open, bias | + depth, normals | own mesh");
+    println!(
+        "N step | unlimited rays: error, open | as long as the radius: error, open, bias | true points | own mesh"
+    );
     for directions in [8, 32, 128] {
         for step in [1, 4] {
             let m = measure(&path, &truth, settings(directions, step), 256);
-            let v = m.visibility;
+            let (far, near) = (m.unlimited, m.near);
             println!(
-                "{directions:3} {step} | {:.3} {:.3} {:.3} {:+.3} of {:.3}, {} points | {:.3} {:.3} | {:.3} {:.3}",
-                v.relative_l2,
-                v.hidden_relative_l2.unwrap_or(0.0),
-                v.open_relative_l2,
-                v.dc_bias,
-                v.hidden_share,
-                v.points,
+                "{directions:3} {step} | {:.3} {:.3} | {:.3} {:.3} {:+.3} of {:.3} | {:.3} {:.3} | {:.3} {:.3}",
+                far.relative_l2,
+                far.open_relative_l2,
+                near.relative_l2,
+                near.open_relative_l2,
+                near.dc_bias,
+                near.hidden_share,
                 m.with_geometry.relative_l2,
                 m.with_geometry.open_relative_l2,
                 m.own_mesh.relative_l2,
