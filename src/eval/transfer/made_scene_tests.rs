@@ -80,9 +80,9 @@ fn error_of_the_default_on_a_made_desk_is_as_measured() {
         assert!(error.hidden_relative_l2.is_some_and(|e| e < 0.9), "{error:?}");
     };
     below(found.unlimited, 0.553);
+    below(found.near, 0.226);
     below(found.with_geometry, 0.596);
     below(found.own_mesh, 0.222);
-    assert!(found.near.relative_l2 < found.near.open_relative_l2, "{:?}", found.near);
 }
 
 /// The trade of directions and step, printed.
