@@ -1,8 +1,9 @@
-//! Measures of a result against the truth: camera path, picture, light.
+//! Measures of a result against the truth: camera path, picture, light, transfer.
 
 pub mod light;
 pub mod picture;
 pub mod trajectory;
+pub mod transfer;
 
 /// What keeps a measure from being taken.
 #[derive(Debug, thiserror::Error)]
