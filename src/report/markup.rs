@@ -54,20 +54,21 @@ pub(super) fn factor(value: impl Into<Option<f64>>) -> String {
     }
 }
 
-/// A table whose first column is text and whose others are numbers. Head and cells are HTML; a
-/// first cell that is to hold plain text must have been escaped.
-pub(super) fn table(head: &[&str], rows: &[Vec<String>]) -> String {
+/// A table whose first `text_columns` are text and whose others are numbers. Head and cells are HTML:
+/// plain text must have been escaped.
+pub(super) fn table(head: &[&str], rows: &[Vec<String>], text_columns: usize) -> String {
+    let class = |column: usize| if column < text_columns { " class=\"text\"" } else { "" };
     let mut out = String::from("<div class=\"scroll\"><table><thead><tr>");
-    for cell in head {
-        out += &format!("<th scope=\"col\">{cell}</th>");
+    for (i, cell) in head.iter().enumerate() {
+        out += &format!("<th{} scope=\"col\">{cell}</th>", class(i));
     }
     out += "</tr></thead><tbody>";
     for row in rows {
         out += "<tr>";
         for (i, cell) in row.iter().enumerate() {
             out += &match i {
-                0 => format!("<th scope=\"row\">{cell}</th>"),
-                _ => format!("<td>{cell}</td>"),
+                0 => format!("<th{} scope=\"row\">{cell}</th>", class(i)),
+                _ => format!("<td{}>{cell}</td>", class(i)),
             };
         }
         out += "</tr>";

@@ -178,7 +178,11 @@ fn folders_in(folder: &Path) -> Vec<PathBuf> {
 }
 
 pub(super) fn pictures_in(folder: &Path) -> Vec<PathBuf> {
-    sorted(folder, |path| path.extension().is_some_and(|e| e == "png" || e == "jpg"))
+    let is_picture = |path: &Path| path.extension().is_some_and(|e| e == "png" || e == "jpg");
+    let mut paths = sorted(folder, is_picture);
+    // without the extension, so that "ours" comes before "ours-fast"
+    paths.sort_by(|a, b| a.file_stem().cmp(&b.file_stem()));
+    paths
 }
 
 /// Entries of a folder by name; none where it cannot be read.

@@ -8,7 +8,7 @@ use crate::report::statistics::median_direction;
 use crate::study::light::{LightRun, LightStudy};
 use glam::DVec3;
 
-const SIZE: (f64, f64) = (480.0, 240.0);
+const SIZE: (f64, f64) = (320.0, 160.0);
 
 /// Dots where the methods see the light, each the median over all frames of all scenes (small dots:
 /// of each scene), and a ring at the true direction.
@@ -37,12 +37,12 @@ pub fn environment_dots(
             let of = |r: &&&LightRun| r.method == *method && r.scene == *scene;
             let class = format!("f{} faint", class_of(method));
             let title = format!("{method}, {scene}");
-            draw_dot(&mut canvas, &class, 2.6, &title, runs.iter().filter(of), truth);
+            draw_dot(&mut canvas, &class, 2.3, &title, runs.iter().filter(of), truth);
         }
     }
     let (x, y) = on_map(truth);
-    canvas.circle("truth-rim", (x, y), 9.0, "");
-    canvas.circle("truth", (x, y), 9.0, "True direction");
+    canvas.circle("truth-rim", (x, y), 10.0, "");
+    canvas.circle("truth", (x, y), 10.0, "True direction");
     for method in &study.methods {
         let class = format!("f{} dot", class_of(method));
         let of = |r: &&&LightRun| r.method == *method;
@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn dots_lie_where_the_map_shows_their_direction() {
         let size = Size::new(SIZE.0 as usize, SIZE.1 as usize);
-        for (x, y) in [(0, 0), (100, 30), (240, 120), (479, 200), (333, 239)] {
+        for (x, y) in [(0, 0), (100, 30), (160, 80), (319, 140), (233, 159)] {
             let (u, v) = on_map(Panorama::z_up().direction(x, y, size).to_array());
             let (du, dv) = (u - x as f64 - 0.5, v - y as f64 - 0.5);
             assert!(du.abs() < 1e-9 && dv.abs() < 1e-9, "{x},{y}: {u},{v}");

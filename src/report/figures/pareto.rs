@@ -85,7 +85,7 @@ pub fn pareto(tradeoff: &Tradeoff, measure: ErrorMeasure) -> String {
         }
         canvas.circle(&class, at(dot), radius, &dot.title(measure));
     }
-    label(&mut canvas, &panel, &points, &front, at);
+    label(&mut canvas, &panel, &points, &front, &line, at);
     canvas.finish()
 }
 
@@ -139,6 +139,7 @@ fn label(
     panel: &Panel,
     points: &[Dot],
     front: &[usize],
+    line: &[(f64, f64)],
     at: impl Fn(&Dot) -> (f64, f64),
 ) {
     let mut taken: Vec<[f64; 4]> = Vec::new();
@@ -146,6 +147,7 @@ fn label(
         let (x, y) = at(dot);
         taken.push([x - 4.0, y - 4.0, x + 4.0, y + 4.0]);
     }
+    taken.extend(along(line).map(|(x, y)| [x - 1.0, y - 1.0, x + 1.0, y + 1.0]));
     let presets = (0..points.len()).filter(|&i| points[i].is_preset());
     let others = front.iter().copied().filter(|&i| !points[i].is_preset());
     for i in presets.chain(others) {
@@ -169,6 +171,18 @@ fn label(
         let class = if points[i].is_preset() { "bold halo" } else { "soft halo" };
         canvas.fitted(class, (left, base), Anchor::Start, &points[i].point.name, 230.0);
     }
+}
+
+/// Points on a line, closer to each other than a label is high.
+fn along(line: &[(f64, f64)]) -> impl Iterator<Item = (f64, f64)> + '_ {
+    line.windows(2).flat_map(|ends| {
+        let [(x0, y0), (x1, y1)] = [ends[0], ends[1]];
+        let steps = ((x1 - x0).hypot(y1 - y0) / 6.0).ceil().max(1.0) as usize;
+        (0..=steps).map(move |i| {
+            let part = i as f64 / steps as f64;
+            (x0 + part * (x1 - x0), y0 + part * (y1 - y0))
+        })
+    })
 }
 
 fn overlap(a: &[f64; 4], b: &[f64; 4]) -> bool {

@@ -75,7 +75,10 @@ fn draw_bar(
     for (k, stage) in Stage::ALL.into_iter().enumerate() {
         let (from, to) = (panel.x(axis.share(before)), panel.x(axis.share(before + times[k])));
         before += times[k];
-        let value = three_digits(times[k]);
+        let value = match unit {
+            "%" => number(times[k], 1),
+            _ => three_digits(times[k]),
+        };
         let title = format!("{name}, {}: {} {unit}", stage.name(), number(times[k], 2));
         canvas.rect(&stage_class(k), (from, y), (to - from, BAR), &title);
         if to - from > text_width(&value) + 6.0 {

@@ -101,7 +101,7 @@ fn variants(study: &CompositeStudy) -> String {
          Change RMSE: relative error of the change of light on real surfaces, where the object caused \
          one. Bars: the same against the preset without the change, over the sequences that both ran \
          on; to the left is better.</p>{}",
-        table(&head, &rows.collect::<Vec<_>>())
+        table(&head, &rows.collect::<Vec<_>>(), 3)
     )
 }
 
@@ -130,7 +130,7 @@ fn difference_bar(change: Option<f64>, largest: f64) -> String {
     let sign = if change > 0.0 { "+" } else { "" };
     format!(
         "<span class=\"diff\"><span class=\"track\"><i class=\"{class}\" \
-         style=\"left:{left:.1}%;width:{length:.1}%\"></i></span>{sign}{} %</span>",
+         style=\"left:{left:.1}%;width:{length:.1}%\"></i></span><span>{sign}{} %</span></span>",
         number(100.0 * change, 1)
     )
 }
@@ -160,7 +160,7 @@ fn objects(study: &CompositeStudy) -> String {
         std::iter::once(escape(kind)).chain(cells).collect::<Vec<_>>()
     };
     let rows: Vec<_> = kinds.iter().map(row).collect();
-    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows)
+    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows, 1)
 }
 
 const WIDTH: u32 = 640;

@@ -106,7 +106,7 @@ fn angle_table(study: &LightStudy) -> String {
     };
     let mut rows: Vec<_> = study.scenes.iter().map(|s| row(s, Some(s))).collect();
     rows.push(row("all scenes", None));
-    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows)
+    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows, 1)
 }
 
 /// Over all frames of all lights, of one scene or of all.

@@ -84,7 +84,7 @@ fn ratios(sources: &Sources) -> String {
         head.extend([format!("{pair}, paper"), "here".to_owned()]);
     }
     let rows: Vec<Vec<String>> = (0..ROWS.len()).map(|row| ratio_row(sources, row)).collect();
-    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows)
+    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows, 1)
 }
 
 fn ratio_row(sources: &Sources, row: usize) -> Vec<String> {

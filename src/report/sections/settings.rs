@@ -41,7 +41,7 @@ fn machines(sources: &Sources) -> String {
     }
     match rows.is_empty() {
         true => String::new(),
-        false => table(&["Machine", "threads", "system", "backend", "kinlight"], &rows),
+        false => table(&["Machine", "threads", "system", "backend", "kinlight"], &rows, 1),
     }
 }
 
@@ -95,7 +95,7 @@ fn difference_table(runs: &[(&str, BTreeMap<String, String>)]) -> String {
     }
     let mut head = vec!["Settings that differ".to_owned()];
     head.extend(runs.iter().map(|(name, _)| escape(name)));
-    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows)
+    table(&head.iter().map(String::as_str).collect::<Vec<_>>(), &rows, 1)
 }
 
 /// Dotted names and values.

@@ -68,7 +68,7 @@ fn run_table(runs: &[RunFolder]) -> String {
         "light off by (°)",
         "volume (MiB)",
     ];
-    table(&head, &rows)
+    table(&head, &rows, 2)
 }
 
 fn run_row(run: &RunFolder) -> Vec<String> {
@@ -94,7 +94,7 @@ fn run_row(run: &RunFolder) -> Vec<String> {
 }
 
 /// Shares of a recording after which a frame is shown.
-const MOMENTS: [f64; 3] = [0.25, 0.55, 0.85];
+const MOMENTS: [f64; 2] = [0.3, 0.7];
 const FRAME_WIDTH: u32 = 640;
 
 /// Composed frames of the runs at a few moments, side by side where there are several runs of one

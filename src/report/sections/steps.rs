@@ -43,7 +43,7 @@ fn settling(study: &LightStudy) -> String {
     });
     let head =
         ["Switched lamp", "method", "depth", "settled after (frames)", "angle at the end (°)"];
-    details("Settling times", &table(&head, &rows.collect::<Vec<_>>()))
+    details("Settling times", &table(&head, &rows.collect::<Vec<_>>(), 3))
 }
 
 fn jitter(study: &LightStudy) -> String {
@@ -73,7 +73,7 @@ fn jitter(study: &LightStudy) -> String {
     format!(
         "<h3>Jitter</h3><p class=\"note\">Camera, scene and light stand still: what moves is \
          error.</p>{}",
-        table(&head, &rows.collect::<Vec<_>>())
+        table(&head, &rows.collect::<Vec<_>>(), 3)
     )
 }
 

@@ -165,7 +165,7 @@ fn methods(sources: &Sources) -> String {
         column("change RMSE, exact", &names, 3, |m| composite(sources, m, false)),
         column("change RMSE, noise", &names, 3, |m| composite(sources, m, true)),
         column("update (ms)", &names, 1, |m| Some(sources.timings_of(m)?.update.median_ms)),
-        column("FPS", &names, 1, |m| Some(sources.timings_of(m)?.fps)),
+        column("FPS", &names, 2, |m| Some(sources.timings_of(m)?.fps)),
     ];
     let shown: Vec<_> = columns.into_iter().flatten().collect();
     if names.is_empty() || shown.is_empty() {
@@ -181,7 +181,7 @@ fn methods(sources: &Sources) -> String {
             std::iter::once(escape(name)).chain(cells).collect()
         })
         .collect();
-    table(&head, &rows)
+    table(&head, &rows, 1)
 }
 
 /// Title and cells; `None` where no method has a value.

@@ -56,25 +56,25 @@ fn front_table(tradeoff: &Tradeoff, measure: ErrorMeasure) -> String {
         vec![
             escape(&p.name),
             escape(&p.preset),
+            format!("<code>{}</code>", escape(&p.changes.join(" "))),
             three_digits(p.update_ms),
             number(p.light_angle_deg, 1),
             number(p.light_relative_l2, 3),
             number(p.transfer_error, 3),
             number(p.composite_error, 3),
             number(p.volume_mib, 0),
-            format!("<code>{}</code>", escape(&p.changes.join(" "))),
         ]
     });
     let head = [
         "On the front",
         "preset",
+        "changes",
         "update (ms)",
         "angle (°)",
         "light L2",
         "transfer L2",
         "change RMSE",
         "volume (MiB)",
-        "changes",
     ];
-    table(&head, &rows.collect::<Vec<_>>())
+    table(&head, &rows.collect::<Vec<_>>(), 3)
 }
