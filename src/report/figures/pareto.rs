@@ -159,6 +159,8 @@ fn label(
             (x + 4.0, y - 13.0),
             (x + 4.0, y + 22.0),
             (x - 12.0 - width, y + 4.0),
+            (x - 4.0 - width, y + 24.0),
+            (x - 0.5 * width, y + 34.0),
         ];
         let place = places.into_iter().find(|&(left, base)| {
             let own = [left, base - 11.0, left + width, base + 3.0];
@@ -166,6 +168,8 @@ fn label(
             let above = own[1] >= panel.top - 6.0 && own[3] <= panel.bottom();
             inside && above && taken.iter().all(|other| !overlap(&own, other))
         });
+        // a preset is always named
+        let place = place.or(points[i].is_preset().then_some(places[5]));
         let Some((left, base)) = place else { continue };
         taken.push([left, base - 11.0, left + width, base + 3.0]);
         let class = if points[i].is_preset() { "bold halo" } else { "soft halo" };
