@@ -9,6 +9,9 @@ use crate::report::pictures::{self, Budget};
 use crate::report::sources::{RunFolder, Sources};
 use crate::timing::Stage;
 
+const SHARE_CAPTION: &str = "The same as shares of the sum, with Table 1 of the paper for comparison \
+    (a GPU of 2013): milliseconds of two machines say little, shares say which stage rules.";
+
 type Row<'a> = (&'a str, [f64; Stage::ALL.len()]);
 
 /// `None` where there is no run.
@@ -27,7 +30,7 @@ pub(in crate::report) fn section(sources: &Sources, budget: &mut Budget) -> Opti
             &stage_bars(&own, BarScale::Milliseconds),
             "Median time of each stage of a frame. The length of a bar is the sum of its stages.",
         );
-        html += &figure(&stage_bars(&shares(&own), BarScale::Percent), &share_caption());
+        html += &figure(&stage_bars(&shares(&own), BarScale::Percent), SHARE_CAPTION);
     }
     html += &run_table(&sources.runs);
     html += &frames(sources, budget);
@@ -44,12 +47,6 @@ fn shares<'a>(own: &[Row<'a>]) -> Vec<Row<'a>> {
     let paper = TABLE_1.iter().zip(PAPER_NAMES);
     let paper = paper.map(|(method, name)| (name, stages(method.columns[0].values)));
     own.iter().copied().chain(paper).collect()
-}
-
-fn share_caption() -> String {
-    "The same as shares of the sum, with Table 1 of the paper (GPU) for comparison: which stage a \
-     method spends its time on does not depend on how fast the machine is."
-        .to_owned()
 }
 
 fn run_table(runs: &[RunFolder]) -> String {
