@@ -80,6 +80,9 @@ pub struct CompareArgs {
     /// Also write the composed frames of each preset.
     #[arg(long)]
     pub frames_out: bool,
+    /// Leave out some of the outputs.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub without: Vec<CompareOutput>,
 }
 
 /// What replay and compare share.
@@ -197,6 +200,12 @@ pub enum Output {
     Trajectory,
     Mesh,
     Timings,
+    Report,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CompareOutput {
+    Report,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, ValueEnum, serde::Serialize)]

@@ -1,13 +1,16 @@
 //! One function a command.
 
-use super::args::{Buffer, CompareArgs, InfoArgs, Output, ReplayArgs, RunArgs, SynthArgs};
-use super::{CliError, Talk, objects, pictures, setup};
+use super::args::{
+    Buffer, CompareArgs, CompareOutput, InfoArgs, Output, ReplayArgs, RunArgs, SynthArgs,
+};
+use super::{CliError, Talk, objects, pictures, report, setup};
 use kinlight::capture::{FrameSource, inspect};
 use kinlight::config::Settings;
 use kinlight::eval::light::LightTruth;
 use kinlight::output::{BufferPicture, OutputPlan, RunWriter, TimingSummary, stage_table};
 use kinlight::pipeline::Pipeline;
 use kinlight::replay::{ReplayError, ReplaySummary, replay as run_sequence};
+use kinlight::report::RunRecord;
 use serde_json::json;
 use std::path::Path;
 
@@ -26,6 +29,9 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
     };
     let run = Run { name: &args.preset, settings, plan, dump: &args.dump, out: &args.run.out };
     let (summary, timings) = run.go(&args.run, talk)?;
+    if !leave_out(Output::Report) {
+        report::write_page(&args.run.out)?;
+    }
     talk.say(stage_table(&[(&args.preset, &timings)]));
     talk.say(&summary);
     talk.say(format_args!("written to {}", args.run.out.display()));
@@ -48,6 +54,9 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
         let out = args.run.out.join(name);
         let run = Run { name, settings, plan, dump: &[], out: &out };
         done.push((name.as_str(), run.go(&args.run, talk)?));
+    }
+    if !args.without.contains(&CompareOutput::Report) {
+        report::write_page(&args.run.out)?;
     }
     let columns: Vec<_> = done.iter().map(|(name, (_, timings))| (*name, timings)).collect();
     talk.say(stage_table(&columns));
@@ -117,6 +126,9 @@ impl Run<'_> {
             });
         bar.finish_and_clear();
         let summary = summary.map_err(by_kind)?;
+        RunRecord::here(self.name, &args.sequence)
+            .write(self.out)
+            .map_err(|e| CliError::Output(e.to_string()))?;
         let timings = writer.timing_summary().expect("a run without frames is an error");
         Ok((summary, timings))
     }

@@ -4,7 +4,8 @@
 use super::{LineWriter, OutputError, atomic_write};
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::TrackingState;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
@@ -50,7 +51,7 @@ impl TimingsLog {
 
 /// Milliseconds. The median of an even count is the mean of the two in the middle; p95 and p99 are
 /// the smallest values that 95 and 99 percent of the frames do not exceed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Quantiles {
     pub median_ms: f64,
     pub p95_ms: f64,
@@ -59,7 +60,7 @@ pub struct Quantiles {
 }
 
 /// Times of a run without its first frames.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimingSummary {
     /// Frames measured, and those left out before them.
     pub frames: usize,
@@ -69,7 +70,7 @@ pub struct TimingSummary {
     /// Sum of the stages of a frame.
     pub update: Quantiles,
     pub duration: Quantiles,
-    #[serde(serialize_with = "by_name")]
+    #[serde(serialize_with = "by_name", deserialize_with = "from_names")]
     stages: [Quantiles; Stage::ALL.len()],
 }
 
@@ -195,6 +196,19 @@ fn by_name<S: serde::Serializer>(
     serializer.collect_map(Stage::ALL.map(Stage::name).iter().zip(stages))
 }
 
+/// Stages that are not known are passed over; one that is missing is an error.
+fn from_names<'de, D: serde::Deserializer<'de>>(
+    deserializer: D,
+) -> Result<[Quantiles; Stage::ALL.len()], D::Error> {
+    let named = BTreeMap::<String, Quantiles>::deserialize(deserializer)?;
+    let mut stages = [Quantiles { median_ms: 0.0, p95_ms: 0.0, p99_ms: 0.0, max_ms: 0.0 }; _];
+    for (quantiles, stage) in stages.iter_mut().zip(Stage::ALL) {
+        let missing = || serde::de::Error::custom(format!("no stage '{}'", stage.name()));
+        *quantiles = *named.get(stage.name()).ok_or_else(missing)?;
+    }
+    Ok(stages)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -286,6 +300,14 @@ mod tests {
         assert_eq!(value["frames"], 3);
         let at = Stage::ALL.map(|s| text.find(&format!("\"{}\"", s.name())).unwrap());
         assert!(at.is_sorted());
+        let back: TimingSummary = serde_json::from_str(&text).unwrap();
+        let summary = TimingSummary::new(&timings(4), 1).unwrap();
+        assert_eq!((back.frames, back.warmup_frames), (summary.frames, summary.warmup_frames));
+        assert!(Stage::ALL.into_iter().all(|s| close(back.stage(s), summary.stage(s))));
+        assert!(close(back.update, summary.update) && (back.fps - summary.fps).abs() < 1e-9);
+        let without = text.replace("\"DynGeo\"", "\"Dyn\"");
+        let error = serde_json::from_str::<TimingSummary>(&without).unwrap_err().to_string();
+        assert!(error.contains("DynGeo"), "{error}");
     }
 
     #[test]
