@@ -316,7 +316,7 @@ impl SynthArgs {
     }
 }
 
-fn parse_size(text: &str) -> Result<(usize, usize), String> {
+pub(super) fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let side =
         |t: &str| t.trim().parse::<usize>().map_err(|_| format!("'{t}' is no number of pixels"));
     let (w, h) = text.split_once(',').ok_or("expected W,H")?;

@@ -115,7 +115,7 @@ impl SynthOptions {
     }
 
     /// The scene with the options' lights.
-    fn scene(&self) -> Result<Scene, SynthError> {
+    pub fn scene(&self) -> Result<Scene, SynthError> {
         let mut scene = scenes::by_name(&self.scene).ok_or_else(|| {
             let known = scenes::NAMES.join(", ");
             SynthError::Options(format!("no scene is called {}; there are {known}", self.scene))
@@ -154,7 +154,7 @@ fn read_environment(path: &Path) -> Result<LatLong, SynthError> {
 /// The options of a sequence, written last: a folder that has it is complete.
 pub const OPTIONS_FILE: &str = "synth.json";
 
-const FRAMES_PER_S: f64 = 30.0;
+pub(crate) const FRAMES_PER_S: f64 = 30.0;
 /// Recordings do not begin at time 0.
 const START_S: f64 = 1000.0;
 
@@ -264,7 +264,7 @@ fn write_scene_files(
 }
 
 /// Exposed and encoded as 8-bit sRGB.
-fn developed(radiance: &Image<[f32; 3]>, exposure: f32) -> Image<[u8; 3]> {
+pub(crate) fn developed(radiance: &Image<[f32; 3]>, exposure: f32) -> Image<[u8; 3]> {
     let encode = |rgb: &[f32; 3]| rgb.map(|v| srgb8_from_linear(v * exposure));
     Image::from_vec(radiance.size(), radiance.as_slice().iter().map(encode).collect())
 }

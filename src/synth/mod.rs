@@ -30,4 +30,5 @@ mod sequence_tests;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use generate::{FRAMES_PER_S, developed};
 pub use generate::{OPTIONS_FILE, SynthError, SynthOptions, generate};
