@@ -43,10 +43,10 @@ impl Probe {
     }
 }
 
-const RADIUS_M: f64 = 0.05;
+const RADIUS_M: f64 = 0.04;
 
 /// Nothing may be nearer to the ball's centre.
-const CLEARANCE_M: f32 = 0.065;
+const CLEARANCE_M: f32 = 0.045;
 
 /// Heights above the scene's centre that are tried, and the step between them.
 const LIFT_STEP_M: f64 = 0.02;
