@@ -3,11 +3,19 @@
 use super::record::{LightRun, LightStudy};
 use super::summary::{noise_name, quantile, summary};
 use super::table::number;
-use crate::output::atomic_write;
+use crate::image::Image;
+use crate::math::color::{luminance, srgb8_from_linear};
+use crate::output::{atomic_write, write_color_png};
 use crate::study::StudyError;
+use crate::synth::{SynthOptions, environment_picture};
+use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Writes `study.json`, `runs.csv`, `frames.csv` and `summary.md`.
+/// Of the pictures of the environment, pixels.
+const ENVIRONMENT_WIDTH: usize = 512;
+
+/// Writes `study.json`, `runs.csv`, `frames.csv`, `summary.md`, and `environment_lightN.png`: the true
+/// light of each lamp around the first scene's centre, lat-long with +z up, tone mapped.
 pub fn write(study: &LightStudy, out: &Path) -> Result<(), StudyError> {
     atomic_write(&out.join("study.json"), |w| {
         serde_json::to_writer_pretty(&mut *w, study)?;
@@ -31,7 +39,31 @@ pub fn write(study: &LightStudy, out: &Path) -> Result<(), StudyError> {
         Ok(())
     })?;
     atomic_write(&out.join("summary.md"), |w| w.write_all(summary(study).as_bytes()))?;
+    write_environments(study, out)
+}
+
+fn write_environments(study: &LightStudy, out: &Path) -> Result<(), StudyError> {
+    let Some(scene) = study.scenes.first() else { return Ok(()) };
+    let lights: BTreeSet<usize> = study.runs.iter().map(|r| r.light).collect();
+    for light in lights {
+        let options = SynthOptions {
+            scene: scene.clone(),
+            frames: 1,
+            light: Some(light),
+            ..SynthOptions::default()
+        };
+        let radiance = environment_picture(&options, 0, ENVIRONMENT_WIDTH)?;
+        let mapped = radiance.as_slice().iter().map(|&rgb| tone_mapped(rgb)).collect();
+        let picture = Image::from_vec(radiance.size(), mapped);
+        write_color_png(&out.join(format!("environment_light{light}.png")), &picture)?;
+    }
     Ok(())
+}
+
+/// By luminance (Reinhard et al. 2002), without a white point: lamp and walls are both to be seen.
+fn tone_mapped(rgb: [f32; 3]) -> [u8; 3] {
+    let scale = 1.0 / (1.0 + luminance(rgb));
+    rgb.map(|v| srgb8_from_linear(v * scale))
 }
 
 fn identity(run: &LightRun) -> String {

@@ -4,7 +4,7 @@ use super::reference::Probe;
 use crate::config::{Settings, SettingsError, presets};
 use crate::study::StudyError;
 use crate::synth::scene::HALF_CIRCLE_LIGHTS;
-use crate::synth::{SynthOptions, scenes};
+use crate::synth::{LightSwitch, STUDY, SynthOptions, scenes};
 use std::collections::HashSet;
 use std::fmt::Display;
 use std::hash::Hash;
@@ -46,7 +46,7 @@ impl Default for LightPlan {
     fn default() -> Self {
         let known = |name: &&str| presets::ALL.iter().any(|p| p.name == *name);
         Self {
-            scenes: scenes::NAMES.map(String::from).to_vec(),
+            scenes: STUDY.map(String::from).to_vec(),
             lights: (0..HALF_CIRCLE_LIGHTS).collect(),
             presets: COMPARED.iter().filter(|&name| known(name)).map(|&n| n.to_owned()).collect(),
             assignments: Vec::new(),
@@ -147,7 +147,39 @@ impl LightPlan {
                 self.add(&mut jobs, methods, Kind::Run { light }, &name, &options);
             }
         }
+        let richest = &self.scenes[self.scenes.len() - 1];
+        if self.steps {
+            let options = self.switched(richest);
+            let kind = Kind::Step { switch_frame: self.switch_frame() };
+            self.add(&mut jobs, methods, kind, &format!("light_{richest}_switched"), &options);
+        }
+        if self.jitter {
+            let options = self.sequence(richest, self.lights[0], self.warm_up + self.frames);
+            let options = SynthOptions { still: true, ..options };
+            let name = format!("light_{richest}_still");
+            self.add(&mut jobs, methods, Kind::Jitter, &name, &options);
+        }
         jobs
+    }
+
+    fn switch_frame(&self) -> usize {
+        self.warm_up + STEP_BEFORE
+    }
+
+    /// The first light goes off and the last on; where there is but one, that two further.
+    fn switched(&self, scene: &str) -> SynthOptions {
+        let from = self.lights[0];
+        let to = match self.lights[self.lights.len() - 1] {
+            last if last == from => (from + HALF_CIRCLE_LIGHTS / 2) % HALF_CIRCLE_LIGHTS,
+            last => last,
+        };
+        let frame = self.switch_frame();
+        SynthOptions {
+            switch: Some(LightSwitch { frame, light: to }),
+            // Only the light changes.
+            still: true,
+            ..self.sequence(scene, from, frame + STEP_AFTER)
+        }
     }
 
     /// The same for every preset, with and without sensor noise; light probes once, as they need no

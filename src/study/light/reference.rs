@@ -15,8 +15,7 @@ use crate::synth::material::Material;
 use crate::synth::scene::{Placed, Scene};
 use crate::synth::shape::Shape;
 use crate::synth::tracer::{Shot, World, render_centres, render_radiance};
-use crate::synth::truth::BALL_ALBEDO;
-use crate::synth::{FRAMES_PER_S, SynthOptions, developed};
+use crate::synth::{SynthError, SynthOptions, developed};
 use crate::transfer::TransferMap;
 use glam::{Affine3A, DMat3, DQuat, DVec3, Vec2, Vec3A, dvec3};
 use std::f64::consts::PI;
@@ -42,6 +41,8 @@ impl Probe {
         }
     }
 }
+
+const ALBEDO: f32 = 0.6;
 
 const RADIUS_M: f64 = 0.04;
 
@@ -92,45 +93,45 @@ struct Stage<'a> {
 
 impl<'a> Stage<'a> {
     fn new(probe: Probe, options: &'a SynthOptions) -> Result<Self, StudyError> {
-        let mut scene = options.scene()?;
+        let mut scene = first_scene(options)?;
         // The probe is measured in the room as it is without passing hands.
         scene.objects.retain(|object| object.motion.is_none());
         let room = scene.placed(0.0);
-        let world = |objects| World::new(objects, scene.area_lights(), scene.environment.clone());
-        let centre = free_place(&room, &world(room.clone()), scene.centre).ok_or_else(|| {
-            let name = &options.scene;
-            StudyError::Options(format!("{name} has no room for a light probe above its centre"))
-        })?;
+        let centre =
+            free_place(&room, &scene.world_of(room.clone()), scene.centre).ok_or_else(|| {
+                let name = &options.scene;
+                StudyError::Options(format!(
+                    "{name} has no room for a light probe above its centre"
+                ))
+            })?;
         let mut objects = match probe {
             Probe::InRoom => room,
             Probe::Alone => Vec::new(),
         };
         let ball = objects.len() as u32;
-        let material = Material::diffuse(BALL_ALBEDO, BALL_ALBEDO, BALL_ALBEDO);
+        let material = Material::diffuse(ALBEDO, ALBEDO, ALBEDO);
         let place = Affine3A::from_translation(centre.as_vec3());
         objects.push(Placed::new(Shape::sphere(RADIUS_M as f32), material, place));
-        Ok(Self { world: world(objects), options, scene, centre, ball })
+        Ok(Self { world: scene.world_of(objects), options, scene, centre, ball })
     }
 
     /// The picture of the ball, and its surface.
     fn look(&self, index: usize) -> (RgbdFrame, GBuffer) {
-        let time_s = index as f64 / FRAMES_PER_S;
-        let path = self.scene.camera_path.pose(time_s).translation.vector;
-        let eye = dvec3(path.x, path.y, path.z);
+        let of_sequence = self.options.shot(&self.scene, index);
+        let position = of_sequence.world_from_camera.translation.vector;
+        let eye = dvec3(position.x, position.y, position.z);
         let shot = Shot {
             camera: close_up(eye.distance(self.centre)),
             world_from_camera: looking_at(eye, self.centre),
             samples: SAMPLES,
-            bounces: self.options.bounces,
-            seed: self.options.seed,
-            frame: index as u32,
+            ..of_sequence
         };
-        let color_srgb = developed(&render_radiance(&self.world, &shot), self.scene.exposure);
+        let radiance = render_radiance(&self.world, &shot);
+        let color_srgb = developed(&radiance, self.scene.exposure, None);
         let linear = color_srgb.as_slice().iter().map(|c| c.map(|v| LINEAR_FROM_SRGB8[v as usize]));
         let surface = self.surface(&shot);
         let frame = RgbdFrame {
             index,
-            timestamp_s: time_s,
             color: Image::from_vec(color_srgb.size(), linear.collect()),
             depth_m: surface.depth_m.clone(),
             world_from_camera: Some(shot.world_from_camera),
@@ -159,6 +160,10 @@ impl<'a> Stage<'a> {
         }
         surface
     }
+}
+
+fn first_scene(options: &SynthOptions) -> Result<Scene, SynthError> {
+    Ok(options.segments()?.swap_remove(0).scene)
 }
 
 fn unoccluded_transfer(surface: &GBuffer, bands: usize, out: &mut TransferMap) {
