@@ -14,6 +14,9 @@ fn tiny() -> LightPlan {
         scenes: vec!["sphere".into()],
         lights: vec![1],
         presets: vec!["ours-fast".into()],
+        assignments: ["volume.resolution=64", "surface.auxiliary_resolution=64"]
+            .map(String::from)
+            .to_vec(),
         frames: 2,
         warm_up: 1,
         width: 64,
@@ -91,7 +94,7 @@ fn a_study_is_complete_repeatable_and_goes_on_where_it_stopped() {
     let (_, doing) = run(&tiny(), folder.path(), "a");
     assert_eq!(doing, ["starting"], "nothing is left to do");
 
-    let other = LightPlan { assignments: vec!["light.huber=0".into()], ..tiny() };
+    let other = LightPlan { assignments: vec!["light.huber=0".into()], steps: false, ..tiny() };
     let (_, doing) = run(&other, folder.path(), "a");
     assert!(doing.len() > 4, "other settings, other results: {doing:?}");
 }
@@ -146,7 +149,7 @@ fn wrong_usage_has_its_exit_code_and_says_what_there_is() {
         (["--presets", "best"], "no preset is called 'best'"),
         (["--scenes", "moon"], "no scene is called 'moon'"),
         (["--lights", "4"], "there are lights 0 to 3"),
-        (["--set", "light.strid=4"], "no setting is called 'light.strid'"),
+        (["--set", "light.strid=4"], "no setting is called 'strid'"),
     ] {
         let args = ["study", "light", "--out", text(folder.path()), given[0], given[1]];
         let output = kinlight(&args);

@@ -98,6 +98,10 @@ impl LightStudyArgs {
 }
 
 pub fn run(args: &LightStudyArgs, talk: Talk) -> Result<(), CliError> {
+    // What single frames have to tell is too much for hundreds of runs, unless it was asked for.
+    if log::max_level() == log::LevelFilter::Info {
+        log::set_max_level(log::LevelFilter::Warn);
+    }
     setup::start_threads(args.threads)?;
     let sequences = args.sequences.clone().unwrap_or_else(|| args.out.join("sequences"));
     let store = SequenceStore::new(sequences);
