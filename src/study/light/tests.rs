@@ -11,7 +11,7 @@ use crate::lighting::ShLight;
 use crate::math::sh;
 use crate::study::StudyError;
 use crate::synth::{STUDY, SynthOptions};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 fn method() -> Method {
     Method { name: "ours".into(), settings: Settings::default(), probe: None }
@@ -195,22 +195,19 @@ fn plans_out_of_range_are_named() {
 #[test]
 fn every_scene_has_room_for_the_probe_and_the_probe_finds_the_light() {
     for name in STUDY {
-        for light in [0, 2] {
-            let options =
-                SynthOptions { scene: name.into(), light: Some(light), ..SynthOptions::default() };
-            let scene = options.segments().unwrap().swap_remove(0).scene;
-            let lamp = scene.lights[0].light.centre().as_dvec3() - scene.centre;
-            let off = Probe::ALL.map(|probe| {
-                let settings = Settings::default();
-                let seen = observe_probe(probe, &options, &settings, 0..1, &|| ()).unwrap();
-                assert!(seen[0].valid, "{name}");
-                let found = seen[0].light.dominant_direction().unwrap();
-                angle_deg(found, lamp.normalize_or(DVec3::Z).as_vec3()).unwrap()
-            });
-            println!(
-                "{name} light {light}: in the room {:.2}, alone {:.2} degrees",
-                off[0], off[1]
-            );
-        }
+        let options =
+            SynthOptions { scene: name.into(), light: Some(0), ..SynthOptions::default() };
+        let scene = options.segments().unwrap().swap_remove(0).scene;
+        let lamp = scene.lights[0].light.centre() - scene.centre.as_vec3a();
+        let [in_room, alone] = Probe::ALL.map(|probe| {
+            let settings = Settings::default();
+            let seen = observe_probe(probe, &options, &settings, 0..1, &|| ()).unwrap();
+            assert!(seen[0].valid, "{name}");
+            angle_deg(seen[0].light.dominant_direction().unwrap(), lamp.into()).unwrap()
+        });
+        // Measured: 0.8 to 1.1 degrees from lamp and environment alone, half the ball unseen; light
+        // from walls and tables turns that by up to 8.5 degrees, in the grey corner of `sphere`.
+        assert!(alone < 1.5 && in_room < 12.0, "{name}: {alone}, {in_room}");
+        assert!(in_room > alone, "{name}: the room's own light comes from elsewhere than the lamp");
     }
 }
