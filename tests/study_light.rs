@@ -70,7 +70,7 @@ fn a_study_is_complete_repeatable_and_goes_on_where_it_stopped() {
     }
     assert_eq!((first.steps.len(), first.jitter.len()), (2, 2), "exact and sensed");
     for step in &first.steps {
-        assert!(step.trace.iter().map(|t| t.frame).eq(1..31), "{step:?}");
+        assert!(step.trace.iter().map(|t| t.frame).eq(1..47), "{step:?}");
         assert_eq!(step.switch_frame, 7);
         // Another lamp at the other side: the old light is far from the last.
         assert!(step.trace[0].distance > 0.3, "{step:?}");
