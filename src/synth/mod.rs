@@ -34,6 +34,7 @@ mod sequence_tests;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use develop::developed;
 pub use generate::{OPTIONS_FILE, generate};
 pub use options::{LightSwitch, SynthError, SynthOptions};
 pub use scene::VirtualKind;

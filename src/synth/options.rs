@@ -135,7 +135,7 @@ impl SynthOptions {
     }
 
     /// Frames with one light each, in order.
-    pub(super) fn segments(&self) -> Result<Vec<Segment>, SynthError> {
+    pub(crate) fn segments(&self) -> Result<Vec<Segment>, SynthError> {
         self.check()?;
         let end = self.frames - 1;
         Ok(match self.switch {
@@ -169,7 +169,7 @@ impl SynthOptions {
     }
 
     /// How the camera takes a frame.
-    pub(super) fn shot(&self, scene: &Scene, frame: usize) -> Shot {
+    pub(crate) fn shot(&self, scene: &Scene, frame: usize) -> Shot {
         let pose_time_s = if self.still { 0.0 } else { self.time_s(frame) };
         Shot {
             camera: self.camera(),
