@@ -343,7 +343,7 @@ fn parse_kind(text: &str) -> Result<VirtualKind, String> {
         .ok_or_else(|| format!("one of {}", VirtualKind::ALL.map(VirtualKind::name).join(", ")))
 }
 
-fn parse_size(text: &str) -> Result<(usize, usize), String> {
+pub(super) fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let side =
         |t: &str| t.trim().parse::<usize>().map_err(|_| format!("'{t}' is no number of pixels"));
     let (w, h) = text.split_once(',').ok_or("expected W,H")?;

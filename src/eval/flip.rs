@@ -23,11 +23,8 @@ pub const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
 
 /// Contrast sensitivity of the three channels of YCxCz: amplitudes and widths, in squared degrees, of
 /// two Gaussians each (their Table 1).
-const SENSITIVITY: [[(f64, f64); 2]; 3] = [
-    [(1.0, 0.0047), (0.0, 1e-5)],
-    [(1.0, 0.0053), (0.0, 1e-5)],
-    [(34.1, 0.04), (13.5, 0.025)],
-];
+const SENSITIVITY: [[(f64, f64); 2]; 3] =
+    [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
 const WIDEST: f64 = 0.04;
 
 /// Exponent of the colour difference; the share of the largest one that is spread over most of the
@@ -76,10 +73,8 @@ pub fn flip_map(
     }
     let colors = Colors::new();
     let (reference, test) = (colors.opponent(reference), colors.opponent(test));
-    let mut map = colors.difference(
-        &filtered(&reference, pixels_per_degree),
-        &filtered(&test, pixels_per_degree),
-    );
+    let mut map = colors
+        .difference(&filtered(&reference, pixels_per_degree), &filtered(&test, pixels_per_degree));
     let features = FeatureKernels::new(pixels_per_degree);
     let (seen, shown) = (features.detect(&reference[0]), features.detect(&test[0]));
     map.as_mut_slice().par_iter_mut().enumerate().for_each(|(i, color)| {

@@ -3,6 +3,7 @@
 use super::truth::TruthFolder;
 use crate::study::{SequenceStore, StudyError};
 use crate::synth::SynthOptions;
+use crate::synth::scene::VirtualKind;
 use std::path::{Path, PathBuf};
 
 /// A sequence and the depth that is read from it.
@@ -52,28 +53,43 @@ impl Default for MadeOptions {
 struct Recipe {
     scene: &'static str,
     light: usize,
+    object: VirtualKind,
+    /// Also with depth of the sensor model.
+    sensed: bool,
 }
 
-/// Scenes of growing richness, each lit from another side.
-const RECIPES: [Recipe; 3] = [
-    Recipe { scene: "demo", light: 0 },
-    Recipe { scene: "desk", light: 1 },
-    Recipe { scene: "room", light: 3 },
+const fn recipe(scene: &'static str, light: usize, object: VirtualKind, sensed: bool) -> Recipe {
+    Recipe { scene, light, object, sensed }
+}
+
+/// Scenes of growing richness, each lit from another side, and every kind of object in one of them.
+const RECIPES: [Recipe; 6] = [
+    recipe("demo", 0, VirtualKind::Figure, true),
+    recipe("desk", 1, VirtualKind::Figure, true),
+    recipe("room", 3, VirtualKind::Figure, true),
+    recipe("desk", 1, VirtualKind::Diffuse, false),
+    recipe("desk", 1, VirtualKind::Coloured, false),
+    recipe("desk", 1, VirtualKind::BrightDark, false),
 ];
 
 impl Recipe {
+    fn name(&self) -> String {
+        format!("{}-light{}-{}", self.scene, self.light, self.object.name())
+    }
+
     fn options(&self, made: &MadeOptions) -> SynthOptions {
         SynthOptions {
             scene: self.scene.into(),
             light: Some(self.light),
+            object: Some(self.object),
             frames: made.frames,
             width: made.size.0,
             height: made.size.1,
             samples: made.samples,
-            kinect_noise: true,
+            kinect_noise: self.sensed,
             with_virtual: true,
             // the last frame has seen the most
-            virtual_every: (made.frames - 1).max(1),
+            virtual_every: made.frames.saturating_sub(1).max(1),
             ..SynthOptions::default()
         }
     }
@@ -92,11 +108,12 @@ pub fn made(
     let mut cases = Vec::new();
     for recipe in &RECIPES {
         let synth = recipe.options(options);
-        let name = format!("{}-light{}", recipe.scene, recipe.light);
+        let name = recipe.name();
         let folder = store.get(&name, &synth, &|done, all| progress(&name, done, all))?;
-        for sensor_noise in [false, true] {
+        cases.push(Case { made: Some(synth.clone()), ..Case::folder(&folder)? });
+        if recipe.sensed {
             let case = Case::folder(&folder)?;
-            let (variants, made) = (!sensor_noise, Some(synth.clone()));
+            let (sensor_noise, variants, made) = (true, false, Some(synth));
             cases.push(Case { sensor_noise, variants, made, ..case });
         }
     }

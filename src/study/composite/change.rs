@@ -96,7 +96,8 @@ impl Change {
         changed: bool,
         change: &'a Image<[f32; 3]>,
     ) -> impl Iterator<Item = f64> + 'a {
-        let pixels = change.as_slice().iter().zip(self.real.as_slice()).zip(self.changed.as_slice());
+        let pixels =
+            change.as_slice().iter().zip(self.real.as_slice()).zip(self.changed.as_slice());
         pixels
             .filter(move |((_, real), is)| **real && **is == changed)
             .map(|((&c, _), _)| f64::from(luminance(c)))

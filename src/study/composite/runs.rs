@@ -3,14 +3,15 @@
 use super::cases::Case;
 use super::measure::measure;
 use super::record::{CompositeFrame, CompositeRun};
+use super::truth::file_error;
 use super::variants::LightSource;
-use crate::capture::FrameSource;
+use crate::capture::{CaptureOptions, FrameSource, open_sequence};
 use crate::config::Settings;
 use crate::eval::light::{LightSegment, LightTruth, angle_deg, scaled_relative_l2};
 use crate::image::Image;
 use crate::lighting::ShLight;
 use crate::pipeline::Pipeline;
-use crate::study::{StudyError, median, open_made};
+use crate::study::{StudyError, each_frame, median};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -50,26 +51,25 @@ pub fn run(
     key: &RunKey,
     name: &RunName,
 ) -> Result<(CompositeRun, Option<LastFrame>), StudyError> {
-    let mut source = open_made(case.truth.folder(), case.sensor_noise)?;
+    let end = key.frames.iter().max().map_or(1, |last| last + 1);
+    let depth_list = case.sensor_noise.then(|| "depth_kinect.txt".to_owned());
+    let options = CaptureOptions { depth_list, end_frame: Some(end), ..CaptureOptions::default() };
+    let mut source = open_sequence(case.truth.folder(), &options)?;
     let light = case.truth.light()?;
-    let mut pipeline =
-        Pipeline::new(key.settings.clone(), source.camera(), case.truth.scene()?)?;
+    let mut pipeline = Pipeline::new(key.settings.clone(), source.camera(), case.truth.scene()?)?;
+    pipeline.set_light(given_light(key, &light, 0)?);
     let (mut frames, mut update_ms, mut last) = (Vec::new(), Vec::new(), None);
-    let end = key.frames.iter().max().map_or(0, |last| last + 1);
-    for frame in 0..end {
-        pipeline.set_light(given_light(key, &light, frame)?);
-        let start = std::time::Instant::now();
-        let Some(raw) = source.next_frame()? else { break };
-        let mut times = crate::timing::StageTimes::default();
-        times.add(crate::timing::Stage::Input, start.elapsed());
-        let outcome = pipeline.process(raw, times)?;
+    each_frame(&mut source, &mut pipeline, &mut |pipeline, outcome| {
         update_ms.push(outcome.times.update().as_secs_f64() * 1e3);
-        if !key.frames.contains(&outcome.index) {
-            continue;
+        if outcome.index + 1 < end {
+            pipeline.set_light(given_light(key, &light, outcome.index + 1)?);
         }
-        let Some(truth) = case.truth.frame(outcome.index)? else { continue };
+        if !key.frames.contains(&outcome.index) {
+            return Ok(());
+        }
+        let Some(truth) = case.truth.frame(outcome.index)? else { return Ok(()) };
         let (input, composed) = (&pipeline.frame().color_srgb, pipeline.composed());
-        let measured = measure(input, composed, &truth)?;
+        let measured = measure(input, composed, &truth).map_err(|e| file_error(&truth.path, &e))?;
         frames.push(with_light(measured, &outcome.light.light, light.at_frame(outcome.index)));
         last = Some(LastFrame {
             frame: outcome.index,
@@ -77,7 +77,8 @@ pub fn run(
             composed: composed.clone(),
             truth: truth.picture,
         });
-    }
+        Ok(())
+    })?;
     let run = CompositeRun {
         sequence: case.name.clone(),
         object: case.object.clone(),
@@ -104,7 +105,7 @@ fn given_light(
         return Ok(None);
     }
     let path = key.folder.join("light.json");
-    let missing = |what: &str| super::truth::file_error(&path, &format!("frame {frame}: {what}"));
+    let missing = |what: &str| file_error(&path, &format!("frame {frame}: {what}"));
     let segment = truth.at_frame(frame).ok_or_else(|| missing("no light is known"))?;
     let sh = match key.light {
         LightSource::TrueWithScattered => segment.sh_probe.as_ref(),

@@ -18,6 +18,8 @@ const SPHERE_RINGS: usize = 64;
 /// The picture with the object, and the pixels that show it.
 pub struct FrameTruth {
     pub frame: usize,
+    /// Of the picture.
+    pub path: PathBuf,
     pub picture: Image<[u8; 3]>,
     pub object: Image<bool>,
 }
@@ -102,6 +104,7 @@ impl TruthFolder {
         }
         Ok(Some(FrameTruth {
             frame,
+            path,
             picture: Image::from_vec(size, pixels),
             object: Image::from_vec(size, mask.as_raw().iter().map(|&v| v > 127).collect()),
         }))
