@@ -1,6 +1,7 @@
 //! The sequences that a study runs over.
 
 use super::truth::TruthFolder;
+use super::variants::Variant;
 use crate::study::{SequenceStore, StudyError};
 use crate::synth::SynthOptions;
 use crate::synth::scene::VirtualKind;
@@ -19,6 +20,11 @@ pub struct Case {
 }
 
 impl Case {
+    /// What is run here of the selected variants.
+    pub fn variants_of<'a>(&self, selected: &'a [Variant]) -> &'a [Variant] {
+        if self.variants { selected } else { &[] }
+    }
+
     /// A folder with `virtual.json` and `composite/`.
     pub fn folder(path: &Path) -> Result<Self, StudyError> {
         let truth = TruthFolder::open(path)?;

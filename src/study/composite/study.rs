@@ -56,19 +56,20 @@ pub fn run_study(
         log: RunLog::open(options.out.join("runs.jsonl"))?,
         pictures: options.out.join("pictures"),
         runs: Vec::new(),
+        progress,
+        done: 0,
+        all: presets.len()
+            * cases.iter().map(|c| 1 + c.variants_of(&variants).len()).sum::<usize>(),
     };
     if options.anew {
         work.log.clear();
     }
-    for (at, case) in cases.iter().enumerate() {
-        progress(&case.name, at, cases.len());
+    for case in &cases {
         let frames = measured_frames(case, options.frames)?;
         for (name, settings) in &presets {
-            let variants = if case.variants { variants.as_slice() } else { &[] };
-            work.preset(case, &frames, (name, settings), variants)?;
+            work.preset(case, &frames, (name, settings), case.variants_of(&variants))?;
         }
     }
-    progress("done", cases.len(), cases.len());
     let study = CompositeStudy {
         machine: Machine::here(),
         command: options.command.clone(),
@@ -108,13 +109,22 @@ fn measured_frames(case: &Case, frames: usize) -> Result<Vec<usize>, StudyError>
     Ok(chosen)
 }
 
-struct Work {
+struct Work<'a> {
     log: RunLog,
     pictures: PathBuf,
     runs: Vec<CompositeRun>,
+    progress: Progress<'a>,
+    /// Runs that are over, those that a preset does not need included, and all of them.
+    done: usize,
+    all: usize,
 }
 
-impl Work {
+impl Work<'_> {
+    fn tell(&mut self, case: &Case, preset: &str, key: &str) {
+        (self.progress)(&format!("{} {preset} {key}", case.name), self.done, self.all);
+        self.done += 1;
+    }
+
     /// A preset as it is, and then its variants.
     fn preset(
         &mut self,
@@ -132,10 +142,12 @@ impl Work {
             light,
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
+        self.tell(case, name, PRESET);
         let plain = RunName { preset: name, key: PRESET, words: name, changes: Vec::new() };
         let finished = self.once(case, key(settings, LightSource::Estimated), &plain)?;
         let albedo = median(finished.frames.iter().map(|f| f.implied_albedo));
         for variant in variants {
+            self.tell(case, name, variant.key);
             let mut changed = variant.apply(settings)?;
             let mut changes: Vec<String> = variant.changes.iter().map(|c| c.to_string()).collect();
             if variant.true_albedo {
