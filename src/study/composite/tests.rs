@@ -136,7 +136,9 @@ fn options(out: &Path) -> CompositeOptions {
     CompositeOptions {
         out: out.to_owned(),
         presets: vec!["ours-fast".into()],
-        variants: vec!["no-bounce".into(), "ratio".into(), "true-light-albedo".into()],
+        variants: ["no-bounce", "ratio", "true-light-scattered", "true-albedo"]
+            .map(str::to_owned)
+            .into(),
         made: None,
         folders: Vec::new(),
         measured: 2,
@@ -171,13 +173,13 @@ fn a_study_runs_and_goes_on_where_it_was() {
     assert!(told.borrow().iter().any(|what| what.contains("made")));
     // "ratio" is what the preset does
     let keys: Vec<&str> = study.runs.iter().map(|r| r.key.as_str()).collect();
-    assert_eq!(keys, [PRESET, "no-bounce", "true-light-albedo"]);
+    assert_eq!(keys, [PRESET, "no-bounce", "true-light-scattered", "true-albedo"]);
     for run in &study.runs {
         assert_eq!(run.frames.iter().map(|f| f.frame).collect::<Vec<_>>(), [0, 2]);
         assert!(run.frames.iter().all(|f| f.flip > 0.0 && f.psnr_db > 10.0), "{run:?}");
     }
-    let [plain, _, given] = study.runs.as_slice() else { panic!() };
-    assert!(given.changes[0].starts_with("light.mean_albedo=0."), "{:?}", given.changes);
+    let [plain, _, given, albedo] = study.runs.as_slice() else { panic!() };
+    assert!(albedo.changes[0].starts_with("light.mean_albedo=0."), "{:?}", albedo.changes);
     assert!(given.frames[1].light_deg < plain.frames[1].light_deg);
     assert!(plain.frames[1].changed_rmse < 1.2, "{:?}", plain.frames[1]);
 
@@ -186,7 +188,7 @@ fn a_study_runs_and_goes_on_where_it_was() {
         assert!(out.join(name).exists(), "{name}");
     }
     let csv = std::fs::read_to_string(out.join("runs.csv")).unwrap();
-    assert_eq!(csv.lines().count(), 1 + 3 * 2);
+    assert_eq!(csv.lines().count(), 1 + 4 * 2);
     let columns = csv.lines().next().unwrap().split(',').count();
     assert!(csv.lines().all(|l| l.split(',').count() == columns));
     assert!(summary(&study).contains("| without the bounce | 1 |"));
@@ -208,7 +210,7 @@ fn a_study_runs_and_goes_on_where_it_was() {
     let third = run_study(&options, &|_, _, _| {}).unwrap();
     assert!(close(third.runs[0].update_ms, study.runs[0].update_ms), "kept");
     assert_eq!(
-        third.runs[2].frames[1].changed_rmse, study.runs[2].frames[1].changed_rmse,
+        third.runs[3].frames[1].object_rmse, study.runs[3].frames[1].object_rmse,
         "run again, with the same result"
     );
 }

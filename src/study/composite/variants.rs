@@ -86,12 +86,8 @@ pub const ALL: &[Variant] = &[
         light: LightSource::TrueWithScattered,
         ..settings("true-light-scattered", "true light with what the scene scatters", &[])
     },
+    // With a light that is given, the albedo takes no part but in the bounce.
     Variant { true_albedo: true, ..settings("true-albedo", "true mean albedo", &[]) },
-    Variant {
-        light: LightSource::TrueWithScattered,
-        true_albedo: true,
-        ..settings("true-light-albedo", "true scattered light and mean albedo", &[])
-    },
 ];
 
 impl Variant {
