@@ -12,7 +12,7 @@ use crate::geometry::{DynGeo, GBuffer};
 use crate::image::Image;
 use crate::lighting::exitant::{DominantLight, exitant_radiance};
 use crate::lighting::{LightEstimate, LightEstimator, ShLight};
-use crate::math::{Pinhole, Pose, View};
+use crate::math::{Pinhole, Pose, View, sh};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Rasteriser, VirtualScene};
 use crate::timing::{Stage, StageTimes};
@@ -72,6 +72,8 @@ pub struct Pipeline {
     dyn_geo: DynGeo,
     radiance_transfer: TransferStage,
     estimator: LightEstimator,
+    /// Stands in for the estimate where it is set.
+    given_light: Option<ShLight>,
     /// Of the last frame.
     light: Option<LightEstimate>,
     composed_last: bool,
@@ -119,6 +121,7 @@ impl Pipeline {
             composed: Image::new(camera.size(), [0; 3]),
             map: None,
             origin: None,
+            given_light: None,
             light: None,
             composed_last: false,
             scene,
@@ -247,8 +250,10 @@ impl Pipeline {
             self.radiance_transfer.transfer(scene, real_transfer);
         });
         let at = light_point(&self.settings, self.origin.as_ref(), &self.scene);
-        let light = times
-            .measure(Stage::LightEst, || self.estimator.estimate(frame, real, real_transfer, at));
+        let light = times.measure(Stage::LightEst, || match &self.given_light {
+            Some(light) => LightEstimate::given(light.clone()),
+            None => self.estimator.estimate(frame, real, real_transfer, at),
+        });
 
         times.measure(Stage::Rendering, || {
             self.scene.resolve(frame.index, real);
@@ -281,6 +286,17 @@ impl Pipeline {
             self.compositor.compose(&input, &mut self.composed);
         });
         Some(light)
+    }
+
+    /// From the next frame on, composes under this light, which is times the scene's mean albedo as an
+    /// estimate is, instead of the estimated one; `None` estimates again. Bands beyond those of the
+    /// transfer are dropped.
+    pub fn set_light(&mut self, light: Option<ShLight>) {
+        self.given_light = light.map(|mut light| {
+            light.bands = light.bands.min(self.settings.transfer.bands);
+            light.coefficients.truncate(sh::coefficients(light.bands));
+            light
+        });
     }
 
     /// The composed picture of the last frame.
