@@ -21,6 +21,8 @@ use crate::transfer::{IndirectMap, RadianceTransfer, TransferMap};
 
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
+    #[error("{section} cannot change while the pipeline runs: it would lose the map or the camera")]
+    Fixed { section: &'static str },
     #[error("frame {frame}: the camera is lost ({reason}) and tracking.on_lost is \"stop\"")]
     Lost { frame: usize, reason: String },
     #[error(transparent)]
@@ -124,6 +126,40 @@ impl Pipeline {
             camera,
             settings,
         })
+    }
+
+    /// Takes other settings from the next frame on; map, camera and, where bands and channels stay,
+    /// the light's memory are kept. Refuses other `input`, `tracking` and `volume`, and then
+    /// changes nothing. `settings` must have been validated.
+    ///
+    /// The composed picture stays; the newest frame's buffers ([`Self::geometry`],
+    /// [`Self::shading`]) are gone until the next frame.
+    pub fn reconfigure(&mut self, settings: Settings) -> Result<(), PipelineError> {
+        let old = &self.settings;
+        let fixed = [
+            ("input", settings.input == old.input),
+            ("tracking", settings.tracking == old.tracking),
+            ("volume", settings.volume == old.volume),
+        ];
+        if let Some(&(section, _)) = fixed.iter().find(|(_, same)| !same) {
+            return Err(PipelineError::Fixed { section });
+        }
+        if (&settings.transfer, &settings.bounce) != (&old.transfer, &old.bounce) {
+            self.radiance_transfer = RadianceTransfer::new(&settings.transfer, &settings.bounce)?;
+        }
+        if settings.dyn_geo != old.dyn_geo {
+            self.dyn_geo = DynGeo::new(&settings.dyn_geo);
+        }
+        if settings.compositing != old.compositing {
+            self.compositor = CompositingStage::new(&settings.compositing);
+        }
+        if let (Some(map), true) = (&mut self.map, settings.surface != old.surface) {
+            map.surface.reconfigure(&settings.surface);
+        }
+        self.estimator.reconfigure(&settings.light, settings.transfer.bands);
+        self.composed_last = false;
+        self.settings = settings;
+        Ok(())
     }
 
     /// Runs one frame through all stages. `times` already holds what reading the frame took.

@@ -108,6 +108,18 @@ impl LightEstimator {
         self.suspect = false;
     }
 
+    /// Takes other settings, and other bands, from the next frame on. What was learnt is kept where
+    /// bands and channels stay; the last light is kept in any case, cut off or with zeros added.
+    pub fn reconfigure(&mut self, params: &LightParams, bands: usize) {
+        self.params = params.clone();
+        if let Some(last) = &mut self.last {
+            last.light.bands = bands;
+            last.light.coefficients.resize(sh::coefficients(bands), [0.0; 3]);
+            let unknown = last.deviation.iter().copied().fold(0.0, f32::max);
+            last.deviation.resize(sh::coefficients(bands), unknown);
+        }
+    }
+
     /// Takes in one frame. `surface` and `frame` have one size, and `transfer` belongs to `surface`.
     pub fn estimate(
         &mut self,
