@@ -66,21 +66,29 @@ impl Sweep<'_> {
     }
 
     fn mark(&self, study: &mut Tradeoff) -> Result<ErrorKind, StudyError> {
-        let kind = self.error.or_else(|| ErrorKind::first_of(&study.points));
-        let kind = kind.ok_or_else(|| {
-            StudyError::Options(
-                "no sequence has any truth to measure errors against: light.json or composite/"
-                    .into(),
-            )
-        })?;
+        let kind = self.kind(&study.points)?;
         study.mark_front(kind);
-        if study.front().is_empty() {
-            let name = kind.name();
-            return Err(StudyError::Options(format!(
-                "no sequence has what the {name} error is measured against"
-            )));
-        }
         Ok(kind)
+    }
+
+    /// The error of the front, which at least one of `points` must have.
+    fn kind(&self, points: &[TradePoint]) -> Result<ErrorKind, StudyError> {
+        let first = ErrorKind::first_of(points);
+        let kind = self.error.or(first).filter(|kind| points.iter().any(|p| kind.of(p).is_some()));
+        kind.ok_or_else(|| {
+            let wanted =
+                self.error.map_or("light, composite or transfer error".to_owned(), |kind| {
+                    format!("{} error", kind.name())
+                });
+            StudyError::Options(format!(
+                "nothing to measure the {wanted} against in the frames after the warm-up of {}",
+                self.sequences
+                    .iter()
+                    .map(|p| p.display().to_string())
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ))
+        })
     }
 
     fn measure(&self, variants: &[Variant]) -> Result<Vec<TradePoint>, StudyError> {
@@ -94,6 +102,9 @@ impl Sweep<'_> {
                 (self.progress)(round * variants.len() + i, all, &variant.name);
                 for (path, runs) in self.sequences.iter().zip(&mut runs[i]) {
                     self.pass(path, variant, round == 0, runs)?;
+                }
+                if let (0, 0, Some(first)) = (round, i, point(variant, &runs[i])) {
+                    self.kind(&[first])?; // before hours are spent
                 }
             }
         }
