@@ -12,7 +12,7 @@ use crate::geometry::{DynGeo, GBuffer};
 use crate::image::Image;
 use crate::lighting::exitant::{DominantLight, exitant_radiance};
 use crate::lighting::{LightEstimate, LightEstimator, ShLight};
-use crate::math::{Pinhole, Pose, View};
+use crate::math::{Pinhole, Pose, View, sh};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Rasteriser, VirtualScene};
 use crate::timing::{Stage, StageTimes};
@@ -73,6 +73,8 @@ pub struct Pipeline {
     dyn_geo: DynGeo,
     radiance_transfer: RadianceTransfer,
     estimator: LightEstimator,
+    /// Stands in for the estimate where it is set.
+    given_light: Option<ShLight>,
     /// Of the last frame.
     light: Option<LightEstimate>,
     composed_last: bool,
@@ -120,6 +122,7 @@ impl Pipeline {
             composed: Image::new(camera.size(), [0; 3]),
             map: None,
             origin: None,
+            given_light: None,
             light: None,
             composed_last: false,
             scene,
@@ -280,8 +283,10 @@ impl Pipeline {
         times.measure(Stage::RadTransfer, || {
             self.radiance_transfer.transfer(real, auxiliary, real_transfer);
         });
-        let light =
-            times.measure(Stage::LightEst, || self.estimator.estimate(frame, real, real_transfer));
+        let light = times.measure(Stage::LightEst, || match &self.given_light {
+            Some(light) => LightEstimate::given(light.clone()),
+            None => self.estimator.estimate(frame, real, real_transfer),
+        });
 
         times.measure(Stage::Rendering, || {
             self.scene.resolve(frame.index, real);
@@ -309,6 +314,17 @@ impl Pipeline {
             self.compositor.compose(&input, &mut self.composed);
         });
         Some(light)
+    }
+
+    /// From the next frame on, composes under this light, which is times the scene's mean albedo as an
+    /// estimate is, instead of the estimated one; `None` estimates again. Bands beyond those of the
+    /// transfer are dropped.
+    pub fn set_light(&mut self, light: Option<ShLight>) {
+        self.given_light = light.map(|mut light| {
+            light.bands = light.bands.min(self.settings.transfer.bands);
+            light.coefficients.truncate(sh::coefficients(light.bands));
+            light
+        });
     }
 
     /// The composed picture of the last frame.

@@ -1,5 +1,6 @@
 //! Measures of a result against the truth: camera path, picture, light.
 
+pub mod flip;
 pub mod light;
 pub mod picture;
 pub mod trajectory;

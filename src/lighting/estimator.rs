@@ -65,6 +65,21 @@ pub struct LightEstimate {
 }
 
 impl LightEstimate {
+    /// A light that is known, and so comes from no pixel.
+    pub fn given(light: ShLight) -> Self {
+        Self {
+            condition: 1.0,
+            rank: light.coefficients.len(),
+            residual: 0.0,
+            deviation: vec![0.0; light.coefficients.len()],
+            pixels: 0,
+            rejection: None,
+            age_frames: 0,
+            changed: false,
+            light,
+        }
+    }
+
     pub fn valid(&self) -> bool {
         self.rejection.is_none()
     }

@@ -31,6 +31,17 @@ struct Surface {
     emission: Vec3A,
 }
 
+/// What a ray meets first.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// In units of the ray's direction.
+    pub t: f32,
+    /// Index into the world's objects.
+    pub object: usize,
+    /// Unit, towards where the ray came from.
+    pub normal: Vec3A,
+}
+
 /// Rays start this far off the surface they leave: 20 times the f32 step at 4 m.
 const OFFSET_M: f32 = 1e-5;
 
@@ -71,6 +82,12 @@ impl World {
             t_max
         });
         blocked
+    }
+
+    /// The nearest surface along a ray, with its shading normal.
+    pub fn seen(&self, ray: &Ray) -> Option<Seen> {
+        let (object, hit) = self.hit(ray)?;
+        Some(Seen { t: hit.t, object, normal: self.surface(ray, (object, hit)).normal })
     }
 
     fn surface(&self, ray: &Ray, (index, hit): (usize, ShapeHit)) -> Surface {
