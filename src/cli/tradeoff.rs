@@ -5,6 +5,7 @@ use super::{CliError, Talk, objects, setup};
 use clap::{Args, ValueEnum};
 use kinlight::budget::Profile;
 use kinlight::study::StudyError;
+use kinlight::study::composite::TruthFolder;
 use kinlight::study::tradeoff::{ErrorKind, Sweep, plan};
 use serde_json::json;
 use std::path::PathBuf;
@@ -68,6 +69,9 @@ pub fn run(args: &TradeoffArgs, talk: Talk) -> Result<(), CliError> {
         repeat: usize::from(args.repeat),
         error: args.error.map(ErrorArg::kind),
         scene: &|path, source| {
+            if path.join("virtual.json").exists() {
+                return TruthFolder::open(path)?.scene();
+            }
             objects::of_sequence(path, source, args.frames.first, 0.0, 1.0)
                 .map_err(|e| StudyError::Options(e.to_string()))
         },

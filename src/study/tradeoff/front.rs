@@ -45,6 +45,8 @@ impl ErrorKind {
 /// are equal in both stand or fall together; one that is not finite is not on the front and
 /// excludes nobody.
 pub fn pareto_front(points: &[(f64, f64)]) -> Vec<bool> {
+    // -0 is 0, and total_cmp would tell them apart
+    let points: Vec<(f64, f64)> = points.iter().map(|&(t, e)| (t + 0.0, e + 0.0)).collect();
     let finite = |&i: &usize| points[i].0.is_finite() && points[i].1.is_finite();
     let mut order: Vec<usize> = (0..points.len()).filter(finite).collect();
     let by_time_then_error = |&a: &usize, &b: &usize| {

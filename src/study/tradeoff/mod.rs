@@ -15,4 +15,4 @@ pub use front::{ErrorKind, pareto_front};
 pub use plan::{Variant, neighbours, plan};
 pub use record::{TradePoint, Tradeoff};
 pub use sweep::Sweep;
-pub use truth::{FrameErrors, Truth, changed_rmse};
+pub use truth::{FrameErrors, Truth};
