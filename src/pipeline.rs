@@ -356,6 +356,11 @@ impl Pipeline {
         self.composed_last.then_some((&self.last.real, &self.last.merged.main))
     }
 
+    /// Transfer of G_r; `None` where the newest frame was not composed.
+    pub fn transfer(&self) -> Option<&TransferMap> {
+        self.composed_last.then_some(&self.last.real_transfer)
+    }
+
     /// R and R' of the newest frame at full resolution. Computed anew: for looking, not for speed.
     pub fn shading(&self) -> Option<ShadingBuffers> {
         let light = self.light.as_ref().filter(|_| self.composed_last)?;

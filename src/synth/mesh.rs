@@ -132,6 +132,16 @@ impl Mesh {
         best
     }
 
+    /// Whether a ray meets any triangle before `t_max`.
+    pub fn is_hit(&self, ray: &Ray, t_max: f32) -> bool {
+        let mut found = false;
+        self.bvh.traverse(ray, t_max, |triangle, t_max| {
+            found = found || hit_triangle(ray, self.corners(triangle), t_max).is_some();
+            if found { -1.0 } else { t_max }
+        });
+        found
+    }
+
     pub fn face_normal(&self, triangle: u32) -> Vec3A {
         let [a, b, c] = self.corners(triangle);
         (b - a).cross(c - a).normalize_or_zero()
