@@ -25,9 +25,12 @@ pub struct CompositeStudyArgs {
     /// Make no sequences.
     #[arg(long)]
     pub no_made: bool,
-    /// Frames of each sequence that are run.
-    #[arg(long = "frames", id = "composite_frames", default_value_t = 21)]
+    /// Frames of made sequences; the last is measured.
+    #[arg(long = "frames", id = "composite_frames", default_value_t = 11)]
     pub frames: usize,
+    /// How many frames with truth are measured in a sequence; it is run up to the last of them.
+    #[arg(long, default_value_t = 1)]
+    pub measured: usize,
     /// Width and height of made sequences.
     #[arg(long, value_name = "W,H", value_parser = args::parse_size, default_value = "320,240")]
     pub size: (usize, usize),
@@ -52,7 +55,7 @@ pub fn run(args: &CompositeStudyArgs, talk: Talk) -> Result<(), CliError> {
         variants: args.variants.clone(),
         made: (!args.no_made).then_some(made),
         folders: if given { args.sequence.clone() } else { usual_folders() },
-        frames: args.frames,
+        measured: args.measured,
         anew: args.anew,
         command: std::env::args().collect::<Vec<_>>().join(" "),
     };

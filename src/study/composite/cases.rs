@@ -51,7 +51,7 @@ pub struct MadeOptions {
 
 impl Default for MadeOptions {
     fn default() -> Self {
-        Self { frames: 21, size: (320, 240), samples: 32 }
+        Self { frames: 11, size: (320, 240), samples: 32 }
     }
 }
 
@@ -60,12 +60,12 @@ struct Recipe {
     scene: &'static str,
     light: usize,
     object: VirtualKind,
-    /// Also with depth of the sensor model.
-    sensed: bool,
+    /// Also with depth of the sensor model (there presets only), and with variants.
+    full: bool,
 }
 
-const fn recipe(scene: &'static str, light: usize, object: VirtualKind, sensed: bool) -> Recipe {
-    Recipe { scene, light, object, sensed }
+const fn recipe(scene: &'static str, light: usize, object: VirtualKind, full: bool) -> Recipe {
+    Recipe { scene, light, object, full }
 }
 
 /// Scenes of growing richness, each lit from another side, and every kind of object in one of them.
@@ -92,7 +92,7 @@ impl Recipe {
             width: made.size.0,
             height: made.size.1,
             samples: made.samples,
-            kinect_noise: self.sensed,
+            kinect_noise: self.full,
             with_virtual: true,
             // the last frame has seen the most
             virtual_every: made.frames.saturating_sub(1).max(1),
@@ -116,8 +116,9 @@ pub fn made(
         let synth = recipe.options(options);
         let name = recipe.name();
         let folder = store.get(&name, &synth, &|done, all| progress(&name, done, all))?;
-        cases.push(Case { made: Some(synth.clone()), ..Case::folder(&folder)? });
-        if recipe.sensed {
+        let (variants, made) = (recipe.full, Some(synth.clone()));
+        cases.push(Case { variants, made, ..Case::folder(&folder)? });
+        if recipe.full {
             let case = Case::folder(&folder)?;
             let (sensor_noise, variants, made) = (true, false, Some(synth));
             cases.push(Case { sensor_noise, variants, made, ..case });

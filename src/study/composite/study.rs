@@ -25,8 +25,9 @@ pub struct CompositeOptions {
     pub made: Option<MadeOptions>,
     /// Sequences with `composite/` and `virtual.json`.
     pub folders: Vec<PathBuf>,
-    /// Frames of a sequence that are run; measured are those with truth, from frame 5 on.
-    pub frames: usize,
+    /// How many frames with truth are measured in a sequence, the first ones from frame 5 on; it is run
+    /// up to the last of them.
+    pub measured: usize,
     /// Forget what an earlier study has finished.
     pub anew: bool,
     /// The command line, for the record.
@@ -51,6 +52,9 @@ pub fn run_study(
     if presets.is_empty() {
         return Err(StudyError::Options("a study needs at least one preset".into()));
     }
+    if options.measured == 0 {
+        return Err(StudyError::Options("at least one frame must be measured".into()));
+    }
     let cases = cases(options, progress)?;
     let mut work = Work {
         log: RunLog::open(options.out.join("runs.jsonl"))?,
@@ -65,7 +69,7 @@ pub fn run_study(
         work.log.clear();
     }
     for case in &cases {
-        let frames = measured_frames(case, options.frames)?;
+        let frames = measured_frames(case, options.measured);
         for (name, settings) in &presets {
             work.preset(case, &frames, (name, settings), case.variants_of(&variants))?;
         }
@@ -96,17 +100,16 @@ fn cases(options: &CompositeOptions, progress: Progress) -> Result<Vec<Case>, St
     Ok(cases)
 }
 
-/// Frames with truth; those before the first settled one only where there is no other.
-fn measured_frames(case: &Case, frames: usize) -> Result<Vec<usize>, StudyError> {
-    let with_truth: Vec<usize> =
-        case.truth.frames().iter().copied().filter(|&f| f < frames).collect();
-    let settled: Vec<usize> = with_truth.iter().copied().filter(|&f| f >= FIRST_MEASURED).collect();
-    let chosen = if settled.is_empty() { with_truth } else { settled };
-    if chosen.is_empty() {
-        let problem = format!("no truth among the first {frames} frames");
-        return Err(super::truth::file_error(&case.truth.folder().join("virtual.json"), &problem));
+/// The first settled frames with truth; others only where there are no such.
+fn measured_frames(case: &Case, count: usize) -> Vec<usize> {
+    let mut frames = case.truth.frames().to_vec();
+    frames.sort_unstable();
+    let settled = frames.partition_point(|&f| f < FIRST_MEASURED);
+    if settled < frames.len() {
+        frames.drain(..settled);
     }
-    Ok(chosen)
+    frames.truncate(count);
+    frames
 }
 
 struct Work<'a> {

@@ -139,7 +139,7 @@ fn options(out: &Path) -> CompositeOptions {
         variants: vec!["no-bounce".into(), "ratio".into(), "true-light-albedo".into()],
         made: None,
         folders: Vec::new(),
-        frames: 3,
+        measured: 2,
         anew: false,
         command: "test".into(),
     }
@@ -220,6 +220,8 @@ fn mistakes_name_what_is_wrong() {
     assert!(fails(&nowhere).contains("nowhere/virtual.json"));
     let wrong = CompositeOptions { variants: vec!["wrong".into()], ..options(&out) };
     assert!(fails(&wrong).contains("'wrong'"));
+    let none = CompositeOptions { measured: 0, ..options(&out) };
+    assert!(fails(&none).contains("at least one frame"));
     let wrong = CompositeOptions { presets: vec!["best".into()], ..options(&out) };
     assert!(fails(&wrong).contains("'best'"));
 
