@@ -243,7 +243,7 @@ fn a_sweep_writes_its_files_and_a_profile_that_budgets_choose_from() {
     let result = kinlight_json(
         &[&sweep[..], &["--out", text(&out), "--profile", text(&place), "--threads", "2"]].concat(),
     );
-    assert_eq!(result["error"], "light", "light.json is the only truth here");
+    assert_eq!(result["error"], "transfer", "there is no composite/ here, and a surface to trace");
     let points = result["points"].as_u64().unwrap();
     assert!(points >= 15);
     let study = std::fs::read(out.join("study.json")).unwrap();
@@ -259,10 +259,17 @@ fn a_sweep_writes_its_files_and_a_profile_that_budgets_choose_from() {
             p.update_ms
         );
         assert!(p.light_angle_deg.is_some() && p.composite_error.is_none());
+        // 1 is what a transfer of zeros would have
+        assert!(
+            p.transfer_error.is_some_and(|e| e > 0.0 && e < 1.0),
+            "{}: {:?}",
+            p.name,
+            p.transfer_error
+        );
         let beaten = study
             .points
             .iter()
-            .any(|q| q.update_ms < p.update_ms && q.light_relative_l2 < p.light_relative_l2);
+            .any(|q| q.update_ms < p.update_ms && q.transfer_error < p.transfer_error);
         assert!(!(p.on_front && beaten), "{}", p.name);
     }
     assert!(!study.front().is_empty());

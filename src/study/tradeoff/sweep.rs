@@ -11,6 +11,9 @@ use crate::timing::{Stage, StageTimes};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// Every how many judged frames transfer is traced.
+const TRACE_EVERY: usize = 8;
+
 /// What a sweep runs over, and how.
 pub struct Sweep<'a> {
     pub sequences: Vec<PathBuf>,
@@ -141,7 +144,8 @@ impl Sweep<'_> {
             }
             runs.times.push(outcome.times);
             if let Some(truth) = &truth {
-                runs.errors.push(truth.errors(pipeline, outcome)?);
+                let trace = runs.errors.len().is_multiple_of(TRACE_EVERY);
+                runs.errors.push(truth.errors(trace, pipeline, outcome)?);
             }
             Ok(())
         })

@@ -1,6 +1,7 @@
 //! What is known to be true of a sequence, and how far a frame is from it.
 
 use super::super::StudyError;
+use super::traced::TracedGeometry;
 use crate::eval::light::{LightError, LightTruth};
 use crate::pipeline::{FrameOutcome, Pipeline};
 use crate::study::composite::{Change, TruthFolder};
@@ -21,6 +22,7 @@ pub struct FrameErrors {
 pub struct Truth {
     light: Option<LightTruth>,
     composites: Option<TruthFolder>,
+    geometry: TracedGeometry,
 }
 
 impl Truth {
@@ -30,12 +32,14 @@ impl Truth {
         Ok(Self {
             light: light.exists().then(|| LightTruth::read(&light)).transpose()?,
             composites: composites.then(|| TruthFolder::open(folder)).transpose()?,
+            geometry: TracedGeometry::of_sequence(folder)?,
         })
     }
 
-    /// Errors of the newest frame.
+    /// Errors of the newest frame. Tracing takes long: `trace` says whether to do it for this one.
     pub fn errors(
         &self,
+        trace: bool,
         pipeline: &Pipeline,
         outcome: &FrameOutcome,
     ) -> Result<FrameErrors, StudyError> {
@@ -44,7 +48,7 @@ impl Truth {
         Ok(FrameErrors {
             light: light.and_then(|segment| segment.error_of(&outcome.light.light)),
             composite: self.composite_error(pipeline, outcome)?,
-            transfer: None,
+            transfer: if trace { self.geometry.error(pipeline, outcome)? } else { None },
         })
     }
 
