@@ -329,7 +329,7 @@ fn budgets_choose_settings_and_name_them_in_the_timings() {
 fn mistakes_with_budgets_are_named() {
     let cases: [(&[&str], &str); 6] = [
         (&["replay", "--budget", "33"], "unit"),
-        (&["replay", "--budget", "-3ms"], "above 0"),
+        (&["replay", "--budget", "0ms"], "above 0"),
         (&["replay", "--budget", "33ms", "--preset", "ours"], "--preset"),
         (&["replay", "--profile", "a.toml"], "--budget"),
         (&["replay", "--budget", "33ms", "--profile", "none.toml"], "none.toml"),
