@@ -22,6 +22,8 @@ use glam::Vec3;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
+    #[error("{section} cannot change while the pipeline runs: it would lose the map or the camera")]
+    Fixed { section: &'static str },
     #[error("frame {frame}: the camera is lost ({reason}) and tracking.on_lost is \"stop\"")]
     Lost { frame: usize, reason: String },
     #[error(transparent)]
@@ -130,6 +132,40 @@ impl Pipeline {
         })
     }
 
+    /// Takes other settings from the next frame on; map, camera and, where bands and channels stay,
+    /// the light's memory are kept. Refuses other `input`, `tracking` and `volume`, and then
+    /// changes nothing. `settings` must have been validated.
+    ///
+    /// The composed picture stays; the newest frame's buffers ([`Self::geometry`],
+    /// [`Self::shading`]) are gone until the next frame.
+    pub fn reconfigure(&mut self, settings: Settings) -> Result<(), PipelineError> {
+        let old = &self.settings;
+        let fixed = [
+            ("input", settings.input == old.input),
+            ("tracking", settings.tracking == old.tracking),
+            ("volume", settings.volume == old.volume),
+        ];
+        if let Some(&(section, _)) = fixed.iter().find(|(_, same)| !same) {
+            return Err(PipelineError::Fixed { section });
+        }
+        if (&settings.transfer, &settings.bounce) != (&old.transfer, &old.bounce) {
+            self.radiance_transfer = TransferStage::new(&settings.transfer, &settings.bounce)?;
+        }
+        if settings.dyn_geo != old.dyn_geo {
+            self.dyn_geo = DynGeo::new(&settings.dyn_geo);
+        }
+        if settings.compositing != old.compositing {
+            self.compositor = CompositingStage::new(&settings.compositing);
+        }
+        if let (Some(map), true) = (&mut self.map, settings.surface != old.surface) {
+            map.surface.reconfigure(&settings.surface);
+        }
+        self.estimator.reconfigure(&settings.light, settings.transfer.bands);
+        self.composed_last = false;
+        self.settings = settings;
+        Ok(())
+    }
+
     /// Runs one frame through all stages. `times` already holds what reading the frame took.
     pub fn process(
         &mut self,
@@ -162,8 +198,9 @@ impl Pipeline {
         let composed = light.is_some();
         self.composed_last = composed;
         let bands = self.settings.transfer.bands;
-        let light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
+        let mut light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
         self.light = Some(light.clone());
+        light.field = light.field.translated(glam::DVec3::from(origin.offset()).as_vec3());
         Ok(FrameOutcome {
             index: self.last.frame.index,
             timestamp_s: self.last.frame.timestamp_s,

@@ -6,9 +6,11 @@ use super::study_estimator::EstimatorStudyArgs;
 use super::study_light::LightStudyArgs;
 use super::tradeoff::TradeoffArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use kinlight::budget::parse_budget;
 use kinlight::capture::writer::ColorFormat;
 use kinlight::synth::{LightSwitch, SynthOptions, VirtualKind};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Lights virtual objects with the light of the real room, from one RGB-D camera and no light probe.
 #[derive(Debug, Parser)]
@@ -58,7 +60,7 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub run: RunArgs,
     /// Named settings to start from.
-    #[arg(long, default_value = "ours")]
+    #[arg(long, default_value = "ours", conflicts_with = "budget")]
     pub preset: String,
     /// Also write augmented.mp4 (needs the ffmpeg program).
     #[arg(long)]
@@ -122,6 +124,14 @@ pub struct RunArgs {
     /// Frames left out of the timing statistics at the start.
     #[arg(long, default_value_t = 5)]
     pub warm_up: usize,
+    /// Take the most accurate settings that keep each frame within this time, and change them while
+    /// running where that is needed (compare: as one more column).
+    #[arg(long, value_name = "33ms", value_parser = parse_budget)]
+    pub budget: Option<Duration>,
+    /// What settings cost on this machine, as written by `kinlight tradeoff`
+    /// [default: $XDG_CONFIG_HOME/kinlight/profile-cpu.toml, ~/.config without it].
+    #[arg(long, value_name = "FILE.toml", requires = "budget")]
+    pub profile: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -232,7 +242,7 @@ pub struct FrameRange {
     pub end: Option<usize>,
 }
 
-fn parse_frames(text: &str) -> Result<FrameRange, String> {
+pub fn parse_frames(text: &str) -> Result<FrameRange, String> {
     let (a, b) = text.split_once("..").ok_or("expected A..B, A.. or ..B")?;
     let number =
         |t: &str| t.trim().parse::<usize>().map_err(|_| format!("'{t}' is no frame number"));

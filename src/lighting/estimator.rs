@@ -1,10 +1,11 @@
 //! The light from frame to frame: memory, robustness, and what to do with frames that show nothing.
 
 use super::bank::{Bank, Batch};
+use super::field::LightField;
 use super::fit::{Fit, Residual};
 use super::samples::{Counts, Samples, Seen};
 use super::solve::{Solution, Spectrum, spectrum};
-use super::{Lamp, LightParams, ShLight};
+use super::{LightParams, ShLight};
 use crate::capture::RgbdFrame;
 use crate::geometry::GBuffer;
 use crate::math::{View, sh};
@@ -49,8 +50,8 @@ pub struct LightEstimate {
     /// Standard deviation of each coefficient of the luminance. Takes errors for independent from
     /// pixel to pixel, the prior for a true one and the albedo for uniform: a lower bound.
     pub deviation: Vec<f32>,
-    /// The lamp that was found, in the world of the surfaces.
-    pub lamp: Option<Lamp>,
+    /// The same at any other point.
+    pub field: LightField,
     /// Usable pixels; the light is fitted to an even selection of them.
     pub pixels: usize,
     /// `None` for a light from this frame.
@@ -73,6 +74,7 @@ impl LightEstimate {
             rejection: None,
             age_frames: 0,
             changed: false,
+            field: LightField::uniform(light.clone()),
             light,
         }
     }
@@ -121,6 +123,19 @@ impl LightEstimator {
         self.fit.forget();
     }
 
+    /// Takes other settings, and other bands, from the next frame on. What was learnt is kept where
+    /// bands and channels stay; the last light is kept in any case, cut off or with zeros added.
+    pub fn reconfigure(&mut self, params: &LightParams, bands: usize) {
+        self.params = params.clone();
+        if let Some(last) = &mut self.last {
+            last.light.bands = bands;
+            last.light.coefficients.resize(sh::coefficients(bands), [0.0; 3]);
+            last.field = LightField::uniform(last.light.clone());
+            let unknown = last.deviation.iter().copied().fold(0.0, f32::max);
+            last.deviation.resize(sh::coefficients(bands), unknown);
+        }
+    }
+
     /// Takes in one frame. `surface` and `frame` have one size, and `transfer` belongs to `surface`.
     ///
     /// The light is that at the point `at`, in the world of the surfaces; without one, in the middle of what
@@ -166,7 +181,8 @@ impl LightEstimator {
         let solution = self.fit.explain(&mut self.bank, &self.params);
         let newest = self.bank.newest().expect("pushed above");
         let residual = self.fit.residual(newest, n, true);
-        let light = sh_light(&self.fit.light_at(at, &solution, n), seen.transfer.bands);
+        let field = self.fit.light_field(&solution, seen.transfer.bands);
+        let light = field.at(at);
         let finite = light.coefficients.iter().flatten().all(|c| c.is_finite());
         if !(finite && residual.squares.is_finite()) {
             self.forget();
@@ -182,7 +198,7 @@ impl LightEstimator {
             condition,
             rank,
             residual: residual.relative(),
-            lamp: self.fit.lamp(),
+            field,
             pixels: counts.used,
             rejection: None,
             age_frames: 0,
@@ -254,16 +270,6 @@ fn enough_samples(counts: &Counts, coefficients: usize) -> Result<(), Rejection>
     Err(commonest.map_or(Rejection::NoSurface, |&(_, reason)| reason))
 }
 
-fn sh_light(channels: &[Vec<f64>], bands: usize) -> ShLight {
-    let coefficients = (0..channels[0].len())
-        .map(|i| match channels {
-            [r, g, b] => [r[i] as f32, g[i] as f32, b[i] as f32],
-            _ => [channels[0][i] as f32; 3],
-        })
-        .collect();
-    ShLight { bands, coefficients }
-}
-
 fn deviation(solution: &Solution, light: &ShLight, residual: &Residual, rank: usize) -> Vec<f32> {
     let freedom = (residual.weight - rank as f64).max(1.0);
     let noise = residual.squares / freedom;
@@ -293,12 +299,13 @@ fn neutral(view: &View, bands: usize) -> LightEstimate {
             _ => [0.0; 3],
         })
         .collect();
+    let light = ShLight { bands, coefficients };
     LightEstimate {
-        light: ShLight { bands, coefficients },
+        field: LightField::uniform(light.clone()),
+        light,
         condition: 1e16,
         rank: 0,
         residual: 0.0,
-        lamp: None,
         deviation: vec![AMBIENT / y00; sh::coefficients(bands)],
         pixels: 0,
         rejection: None,

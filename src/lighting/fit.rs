@@ -2,12 +2,12 @@
 
 use super::albedo::Albedos;
 use super::bank::{Bank, Batch, LANES};
-use super::lamp::{Design, Lamp, LampField};
+use super::field::LightField;
+use super::lamp::{Design, LampField};
 use super::normal_equations::{NormalEquations, padded};
 use super::solve::{Penalty, Solution, solve};
-use super::{LightChannels, LightParams, LightPrior};
+use super::{LightChannels, LightParams, LightPrior, ShLight};
 use crate::math::color::luminance;
-use glam::Vec3;
 
 /// Rounds of lamp, albedo and robust weights: for a first fit, and from one frame to the next.
 const FIRST_ROUNDS: usize = 5;
@@ -82,26 +82,18 @@ impl Fit {
                 self.weigh_residuals(bank, params);
             }
         }
-        let rest = self.find_rest(bank, params);
-        let reference = self.field.as_ref().map(|field| field.centre);
-        log::trace!("lamp {:?} around {reference:?}", self.lamp());
-        rest
+        self.find_rest(bank, params)
     }
 
-    /// What the solution is at a point, a vector of coefficients a channel.
-    pub fn light_at(&self, point: Option<Vec3>, solution: &Solution, n: usize) -> Vec<Vec<f64>> {
-        let mut light = solution.light.clone();
-        if let Some(field) = &self.field {
-            let lamp = field.light_at(point.unwrap_or(field.centre), n);
-            for (light, lamp) in light.iter_mut().zip(&lamp) {
-                light.iter_mut().zip(lamp).for_each(|(l, m)| *l += m);
-            }
-        }
-        light
-    }
-
-    pub fn lamp(&self) -> Option<Lamp> {
-        self.field.as_ref().map(|field| field.lamp)
+    pub fn light_field(&self, solution: &Solution, bands: usize) -> LightField {
+        let channels = &solution.light;
+        let coefficients = (0..channels[0].len())
+            .map(|i| match &channels[..] {
+                [r, g, b] => [r[i] as f32, g[i] as f32, b[i] as f32],
+                _ => [channels[0][i] as f32; 3],
+            })
+            .collect();
+        LightField { lamp: self.field.clone(), rest: ShLight { bands, coefficients } }
     }
 
     pub fn equations(&self) -> &NormalEquations {

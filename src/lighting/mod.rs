@@ -9,6 +9,7 @@ mod albedo;
 mod bank;
 mod estimator;
 pub mod exitant;
+mod field;
 mod fit;
 mod lamp;
 mod normal_equations;
@@ -19,6 +20,7 @@ mod solve;
 mod tests;
 
 pub use estimator::{LightEstimate, LightEstimator, Rejection};
+pub use field::LightField;
 pub use lamp::Lamp;
 
 use crate::math::sh;

@@ -21,9 +21,12 @@ pub struct FrameTiming {
     /// Camera centre in world axes.
     pub position_m: [f64; 3],
     pub state: TrackingState,
+    /// Name of the settings that the frame was made with.
+    pub setting: String,
 }
 
-/// One line a frame: `frame,timestamp,duration_ms,<stages>,x,y,z,state`, stages in milliseconds.
+/// One line a frame: `frame,timestamp,duration_ms,<stages>,x,y,z,state,setting`, stages in
+/// milliseconds.
 #[derive(Debug)]
 pub struct TimingsLog {
     lines: LineWriter,
@@ -33,18 +36,19 @@ impl TimingsLog {
     pub fn create(path: &Path) -> Result<Self, OutputError> {
         let mut lines = LineWriter::create(path)?;
         let stages = Stage::ALL.map(Stage::name).join(",");
-        lines.push(&format!("frame,timestamp,duration_ms,{stages},x,y,z,state"))?;
+        lines.push(&format!("frame,timestamp,duration_ms,{stages},x,y,z,state,setting"))?;
         Ok(Self { lines })
     }
 
     pub fn push(&mut self, timing: &FrameTiming) -> Result<(), OutputError> {
-        let FrameTiming { frame, timestamp_s, duration, stages, position_m: [x, y, z], state } =
-            timing;
+        let FrameTiming { frame, timestamp_s, duration, stages, state, setting, .. } = timing;
+        let [x, y, z] = timing.position_m;
         let stages = Stage::ALL.map(|s| format!("{:.4}", ms(stages.get(s)))).join(",");
         self.lines.push(&format!(
-            "{frame},{timestamp_s:.6},{:.4},{stages},{x:.6},{y:.6},{z:.6},{}",
+            "{frame},{timestamp_s:.6},{:.4},{stages},{x:.6},{y:.6},{z:.6},{},{}",
             ms(*duration),
-            state_name(*state)
+            state_name(*state),
+            csv_field(setting)
         ))
     }
 }
@@ -179,6 +183,14 @@ fn ms(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
 }
 
+/// Quoted where commas, quotes or line ends would break the line (RFC 4180).
+pub fn csv_field(text: &str) -> std::borrow::Cow<'_, str> {
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")).into(),
+        false => text.into(),
+    }
+}
+
 fn state_name(state: TrackingState) -> &'static str {
     match state {
         TrackingState::Init => "init",
@@ -230,6 +242,7 @@ mod tests {
                     stages,
                     position_m: [0.1, -0.2, 1.5],
                     state: TrackingState::Tracking,
+                    setting: "ours".to_owned(),
                 }
             })
             .collect()
@@ -248,14 +261,21 @@ mod tests {
         assert_eq!(
             lines[0],
             "frame,timestamp,duration_ms,Input,Reconstruct,Surface,DynGeo,RadTransfer,LightEst,\
-             Rendering,x,y,z,state"
+             Rendering,x,y,z,state,setting"
         );
         assert_eq!(
             lines[2],
             "1,0.500000,56.5000,2.0000,4.0000,6.0000,8.0000,10.0000,12.0000,14.0000,\
-             0.100000,-0.200000,1.500000,tracking"
+             0.100000,-0.200000,1.500000,tracking,ours"
         );
         assert_eq!(lines.len(), 3);
+    }
+
+    #[test]
+    fn fields_are_quoted_where_they_must() {
+        assert_eq!(csv_field("step 4"), "step 4");
+        assert_eq!(csv_field("step 4, \"32\""), "\"step 4, \"\"32\"\"\"");
+        assert_eq!(csv_field("a\nb"), "\"a\nb\"");
     }
 
     #[test]

@@ -145,12 +145,20 @@ pub fn composite_study() -> CompositeStudy {
                     flip: 0.02 * error,
                     changed_rmse: error + 0.002 * frame as f64,
                     object_rmse: 0.5 * error,
+                    shadow_found: 0.9,
+                    spill: 0.5,
+                    noise_rmse: 0.05,
+                    changed_pixels: 4000,
+                    light_deg: 5.0,
+                    implied_albedo: 0.5,
                 };
                 runs.push(CompositeRun {
                     sequence: (*sequence).into(),
                     object: (*object).into(),
                     sensor_noise: false,
+                    folder: (*sequence).into(),
                     preset: preset.into(),
+                    key: variant.into(),
                     variant: variant.into(),
                     changes: changes.iter().map(|c| (*c).to_owned()).collect(),
                     frames: (0..5).map(frame).collect(),
@@ -202,6 +210,7 @@ pub fn tradeoff() -> Tradeoff {
         machine: machine(),
         command: "kinlight tradeoff".into(),
         sequences: vec!["desk".into(), "room".into()],
+        warm_up: 5,
         points,
     }
 }
@@ -221,6 +230,7 @@ pub fn timings(stages_ms: [f64; 7]) -> TimingSummary {
             stages,
             position_m: [0.0; 3],
             state: TrackingState::Tracking,
+            setting: "ours".to_owned(),
         }
     };
     TimingSummary::new(&(0..9).map(frame).collect::<Vec<_>>(), 1).expect("frames are left")

@@ -1,13 +1,13 @@
 //! The truth of a made sequence that is too large for its files: the exact geometry of any frame,
 //! and the light all around as a picture.
 
-use crate::math::bvh::Ray;
 use super::options::{SynthError, SynthOptions};
 use super::scene::Scene;
 use super::tracer::World;
 use crate::geometry::{GBuffer, Origin};
 use crate::image::{Image, Size};
 use crate::math::View;
+use crate::math::bvh::Ray;
 use crate::output::Panorama;
 use glam::{Vec2, Vec3, Vec3A};
 use rayon::iter::ParallelIterator;

@@ -1,7 +1,7 @@
 //! Rays through a reconstructed surface.
 
-use crate::mesh::TriangleMesh;
 use crate::math::bvh::Ray;
+use crate::mesh::TriangleMesh;
 use crate::synth::mesh::{Mesh, MeshData};
 use glam::{Vec3, Vec3A};
 

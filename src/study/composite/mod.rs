@@ -20,6 +20,7 @@ mod truth;
 mod variants;
 
 pub use cases::{MadeOptions, usual_folders};
+pub use change::{Change, ChangeErrors};
 pub use measure::measure;
 pub use record::{CompositeFrame, CompositeRun, CompositeStudy};
 pub use study::{CompositeOptions, Progress, run_study};

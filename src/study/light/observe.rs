@@ -21,8 +21,15 @@ pub(super) struct Observation {
 }
 
 impl Observation {
-    pub fn new(frame: usize, estimate: LightEstimate, times: Option<StageTimes>) -> Self {
-        Self { frame, valid: estimate.valid(), light: estimate.light, times }
+    /// With the light at the point that the truth is given for.
+    pub fn new(
+        frame: usize,
+        estimate: &LightEstimate,
+        at: Option<[f64; 3]>,
+        times: Option<StageTimes>,
+    ) -> Self {
+        let at = at.map(|point| glam::DVec3::from(point).as_vec3());
+        Self { frame, valid: estimate.valid(), light: estimate.field.at(at), times }
     }
 }
 
@@ -31,13 +38,14 @@ pub(super) fn observe(
     sequence: &Path,
     sensor_noise: bool,
     settings: &Settings,
+    at: Option<[f64; 3]>,
     tick: &dyn Fn(),
 ) -> Result<Vec<Observation>, StudyError> {
     let mut source = open_made(sequence, sensor_noise)?;
     let mut pipeline = Pipeline::new(settings.clone(), source.camera(), VirtualScene::default())?;
     let mut seen = Vec::new();
     each_frame(&mut source, &mut pipeline, &mut |_, outcome| {
-        seen.push(Observation::new(outcome.index, outcome.light.clone(), Some(outcome.times)));
+        seen.push(Observation::new(outcome.index, &outcome.light, at, Some(outcome.times)));
         tick();
         Ok(())
     })?;

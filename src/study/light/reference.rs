@@ -7,10 +7,10 @@ use crate::config::Settings;
 use crate::geometry::{GBuffer, Origin};
 use crate::image::Image;
 use crate::lighting::LightEstimator;
+use crate::math::bvh::Ray;
 use crate::math::color::LINEAR_FROM_SRGB8;
 use crate::math::{Pinhole, Pose, View, pose_from_xyzw, sh};
 use crate::study::StudyError;
-use crate::synth::bvh::Ray;
 use crate::synth::material::Material;
 use crate::synth::scene::{Placed, Scene};
 use crate::synth::shape::Shape;
@@ -74,9 +74,9 @@ pub(super) fn observe_probe(
     let observed = frames.map(|index| {
         let (frame, surface) = stage.look(index);
         unoccluded_transfer(&surface, settings.transfer.bands, &mut transfer);
-        let estimate = estimator.estimate(&frame, &surface, &transfer);
+        let estimate = estimator.estimate(&frame, &surface, &transfer, None);
         tick();
-        Observation::new(index, estimate, None)
+        Observation::new(index, &estimate, None, None)
     });
     Ok(observed.collect())
 }

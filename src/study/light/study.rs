@@ -136,7 +136,8 @@ impl Session<'_> {
                 observe_probe(probe, &job.options, &method.settings, frames, &tick)?
             }
             None => {
-                let seen = observe(&sequence, job.sensor_noise, &method.settings, &tick)?;
+                let (settings, at) = (&method.settings, truth.center);
+                let seen = observe(&sequence, job.sensor_noise, settings, at, &tick)?;
                 seen.into_iter().filter(|s| s.frame >= self.warm_up).collect()
             }
         };

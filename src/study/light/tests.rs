@@ -34,6 +34,7 @@ fn truth_of_two() -> LightTruth {
     };
     LightTruth {
         sequence: "a".into(),
+        center: None,
         segments: vec![segment(0, 9, Vec3::X), segment(10, 99, Vec3::Z)],
     }
 }
