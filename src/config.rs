@@ -7,7 +7,6 @@ use crate::compositing::CompositingParams;
 use crate::fusion::{SurfaceParams, VolumeParams};
 use crate::geometry::DynGeoParams;
 use crate::lighting::LightParams;
-use crate::math::sh;
 use crate::tracking::TrackingParams;
 use crate::transfer::{BounceParams, TransferParams};
 use serde::{Deserialize, Serialize};
@@ -131,13 +130,13 @@ impl Settings {
         need((1..=5).contains(&g.taps), "dyn_geo.taps: 1 to 5");
         need(positive(g.intensity_threshold), "dyn_geo.intensity_threshold: above 0");
         need(positive(g.depth_threshold_m), "dyn_geo.depth_threshold_m: above 0");
-        need((1..=sh::MAX_BANDS).contains(&x.bands), "transfer.bands: 1 to 6");
-        need((4..=1024).contains(&x.directions), "transfer.directions: 4 to 1024");
+        if let Err(error) = x.check() {
+            need(false, &error.to_string());
+        }
+        if let Err(error) = self.bounce.check_with(x) {
+            need(false, &error.to_string());
+        }
         need(matches!(x.subsampling, 1 | 2 | 4 | 8), "transfer.subsampling: 1, 2, 4 or 8");
-        need(positive(x.radius_m), "transfer.radius_m: above 0");
-        need(x.bias_m >= 0.0 && x.bias_m.is_finite(), "transfer.bias_m: 0 or more");
-        need((1..=8).contains(&x.jitter_tile), "transfer.jitter_tile: 1 to 8");
-        need(self.bounce.strength >= 0.0, "bounce.strength: 0 or more");
         need(l.tikhonov >= 0.0 && l.tikhonov.is_finite(), "light.tikhonov: 0 or more");
         need((0.0..1.0).contains(&l.memory), "light.memory: 0 up to, not including, 1");
         need(
@@ -239,6 +238,16 @@ mod tests {
         s.light.memory = f64::NAN;
         let Err(SettingsError::OutOfRange(problems)) = s.validate() else { panic!() };
         assert_eq!(problems.len(), 3, "{problems:?}");
+    }
+
+    #[test]
+    fn rays_have_no_bounce() {
+        let mut s = Settings::default();
+        s.assign("transfer.method=ray-traced").unwrap();
+        let error = s.validate().unwrap_err().to_string();
+        assert!(error.contains("bounce.enabled is true"), "{error}");
+        s.assign("bounce.enabled=false").unwrap();
+        s.validate().unwrap();
     }
 
     #[test]

@@ -40,6 +40,7 @@ pub mod study;
 
 pub mod report;
 
+pub mod budget;
 pub mod config;
 pub mod image;
 pub mod math;

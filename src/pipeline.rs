@@ -12,15 +12,18 @@ use crate::geometry::{DynGeo, GBuffer};
 use crate::image::Image;
 use crate::lighting::exitant::{DominantLight, exitant_radiance};
 use crate::lighting::{LightEstimate, LightEstimator, ShLight};
-use crate::math::{Pinhole, Pose, View};
+use crate::math::{Pinhole, Pose, View, sh};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Rasteriser, VirtualScene};
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::{OnLost, Tracker, Tracking, TrackingState};
-use crate::transfer::{IndirectMap, RadianceTransfer, TransferMap};
+use crate::transfer::{IndirectMap, MergedScene, RealScene, TransferMap, TransferStage};
+use glam::Vec3;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
+    #[error("{section} cannot change while the pipeline runs: it would lose the map or the camera")]
+    Fixed { section: &'static str },
     #[error("frame {frame}: the camera is lost ({reason}) and tracking.on_lost is \"stop\"")]
     Lost { frame: usize, reason: String },
     #[error(transparent)]
@@ -69,8 +72,10 @@ pub struct Pipeline {
     tracker: Tracker,
     map: Option<Map>,
     dyn_geo: DynGeo,
-    radiance_transfer: RadianceTransfer,
+    radiance_transfer: TransferStage,
     estimator: LightEstimator,
+    /// Stands in for the estimate where it is set.
+    given_light: Option<ShLight>,
     /// Of the last frame.
     light: Option<LightEstimate>,
     composed_last: bool,
@@ -103,7 +108,7 @@ impl Pipeline {
             input: InputStage::new(&settings.input),
             tracker: Tracker::new(&settings.tracking, camera),
             dyn_geo: DynGeo::new(&settings.dyn_geo),
-            radiance_transfer: RadianceTransfer::new(&settings.transfer, &settings.bounce)?,
+            radiance_transfer: TransferStage::new(&settings.transfer, &settings.bounce)?,
             estimator: LightEstimator::new(&settings.light),
             compositor: CompositingStage::new(&settings.compositing),
             rasteriser: Rasteriser::default(),
@@ -118,12 +123,47 @@ impl Pipeline {
             composed: Image::new(camera.size(), [0; 3]),
             map: None,
             origin: None,
+            given_light: None,
             light: None,
             composed_last: false,
             scene,
             camera,
             settings,
         })
+    }
+
+    /// Takes other settings from the next frame on; map, camera and, where bands and channels stay,
+    /// the light's memory are kept. Refuses other `input`, `tracking` and `volume`, and then
+    /// changes nothing. `settings` must have been validated.
+    ///
+    /// The composed picture stays; the newest frame's buffers ([`Self::geometry`],
+    /// [`Self::shading`]) are gone until the next frame.
+    pub fn reconfigure(&mut self, settings: Settings) -> Result<(), PipelineError> {
+        let old = &self.settings;
+        let fixed = [
+            ("input", settings.input == old.input),
+            ("tracking", settings.tracking == old.tracking),
+            ("volume", settings.volume == old.volume),
+        ];
+        if let Some(&(section, _)) = fixed.iter().find(|(_, same)| !same) {
+            return Err(PipelineError::Fixed { section });
+        }
+        if (&settings.transfer, &settings.bounce) != (&old.transfer, &old.bounce) {
+            self.radiance_transfer = TransferStage::new(&settings.transfer, &settings.bounce)?;
+        }
+        if settings.dyn_geo != old.dyn_geo {
+            self.dyn_geo = DynGeo::new(&settings.dyn_geo);
+        }
+        if settings.compositing != old.compositing {
+            self.compositor = CompositingStage::new(&settings.compositing);
+        }
+        if let (Some(map), true) = (&mut self.map, settings.surface != old.surface) {
+            map.surface.reconfigure(&settings.surface);
+        }
+        self.estimator.reconfigure(&settings.light, settings.transfer.bands);
+        self.composed_last = false;
+        self.settings = settings;
+        Ok(())
     }
 
     /// Runs one frame through all stages. `times` already holds what reading the frame took.
@@ -158,8 +198,9 @@ impl Pipeline {
         let composed = light.is_some();
         self.composed_last = composed;
         let bands = self.settings.transfer.bands;
-        let light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
+        let mut light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
         self.light = Some(light.clone());
+        light.field = light.field.translated(glam::DVec3::from(origin.offset()).as_vec3());
         Ok(FrameOutcome {
             index: self.last.frame.index,
             timestamp_s: self.last.frame.timestamp_s,
@@ -235,33 +276,42 @@ impl Pipeline {
 
     /// From the model seen in this frame's view to the composed picture.
     fn light_the_scene(&mut self, times: &mut StageTimes) -> Option<LightEstimate> {
-        let surface = &self.map.as_ref()?.surface;
+        let Map { volume, surface } = self.map.as_ref()?;
         let (model, auxiliary) = (&surface.main, &surface.auxiliary);
         let FrameBuffers { frame, real, merged, real_transfer, merged_transfer, indirect } =
             &mut self.last;
 
         times.measure(Stage::DynGeo, || self.dyn_geo.run(frame, model, real));
         times.measure(Stage::RadTransfer, || {
-            self.radiance_transfer.transfer(real, auxiliary, real_transfer);
+            let scene = RealScene { volume, main: real, auxiliary };
+            self.radiance_transfer.transfer(scene, real_transfer);
         });
-        let light =
-            times.measure(Stage::LightEst, || self.estimator.estimate(frame, real, real_transfer));
+        let at = light_point(&self.settings, self.origin.as_ref(), &self.scene);
+        let light = times.measure(Stage::LightEst, || match &self.given_light {
+            Some(light) => LightEstimate::given(light.clone()),
+            None => self.estimator.estimate(frame, real, real_transfer, at),
+        });
 
         times.measure(Stage::Rendering, || {
             self.scene.resolve(frame.index, real);
             merged.draw(&mut self.rasteriser, &self.scene, real, auxiliary);
         });
         times.measure(Stage::RadTransfer, || {
-            let with_virtual = (&merged.main, merged.auxiliary.as_slice());
+            let with_virtual = MergedScene {
+                objects: &self.scene,
+                main: &merged.main,
+                auxiliary: &merged.auxiliary,
+            };
             self.radiance_transfer.transfer_with_virtual(
-                (real, auxiliary),
+                RealScene { volume, main: real, auxiliary },
                 with_virtual,
                 real_transfer,
                 merged_transfer,
             );
-            if self.settings.bounce.enabled {
+            let bounce = self.radiance_transfer.bounce_stage();
+            if let (true, Some(stage)) = (self.settings.bounce.enabled, bounce) {
                 merged.radiate(&frame.color, &light, self.settings.light.mean_albedo);
-                self.radiance_transfer.bounce(
+                stage.bounce(
                     (&merged.main, &merged.auxiliary),
                     (&merged.radiance, &merged.auxiliary_radiance),
                     indirect,
@@ -273,6 +323,17 @@ impl Pipeline {
             self.compositor.compose(&input, &mut self.composed);
         });
         Some(light)
+    }
+
+    /// From the next frame on, composes under this light, which is times the scene's mean albedo as an
+    /// estimate is, instead of the estimated one; `None` estimates again. Bands beyond those of the
+    /// transfer are dropped.
+    pub fn set_light(&mut self, light: Option<ShLight>) {
+        self.given_light = light.map(|mut light| {
+            light.bands = light.bands.min(self.settings.transfer.bands);
+            light.coefficients.truncate(sh::coefficients(light.bands));
+            light
+        });
     }
 
     /// The composed picture of the last frame.
@@ -304,6 +365,11 @@ impl Pipeline {
         self.composed_last.then_some((&self.last.real, &self.last.merged.main))
     }
 
+    /// Transfer of G_r; `None` where the newest frame was not composed.
+    pub fn transfer(&self) -> Option<&TransferMap> {
+        self.composed_last.then_some(&self.last.real_transfer)
+    }
+
     /// R and R' of the newest frame at full resolution. Computed anew: for looking, not for speed.
     pub fn shading(&self) -> Option<ShadingBuffers> {
         let light = self.light.as_ref().filter(|_| self.composed_last)?;
@@ -322,6 +388,19 @@ impl Pipeline {
         }
         mesh
     }
+}
+
+/// Where the light is wanted, near the local origin.
+fn light_point(
+    settings: &Settings,
+    origin: Option<&WorldOrigin>,
+    scene: &VirtualScene,
+) -> Option<Vec3> {
+    if let (Some(at), Some(origin)) = (settings.light.at, origin) {
+        return Some(origin.local_point(at));
+    }
+    let (sum, count) = scene.bounds().fold((Vec3::ZERO, 0), |(sum, n), b| (sum + b.centre, n + 1));
+    (count > 0).then(|| sum / count as f32)
 }
 
 impl FrameBuffers {

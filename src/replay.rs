@@ -1,5 +1,6 @@
 //! A whole sequence through the pipeline, and what it amounts to.
 
+use crate::budget::Governor;
 use crate::capture::{CaptureError, FrameSource, Sequence, SkippedFrame};
 use crate::eval::light::LightTruth;
 use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
@@ -64,7 +65,8 @@ struct Tally {
     volume_bytes: usize,
 }
 
-/// Runs every frame of `source`; `writer` gets each result, `on_frame` may look at it.
+/// Runs every frame of `source`; `writer` gets each result, `on_frame` may look at it. A `governor`
+/// changes the settings between frames to keep its budget.
 ///
 /// Where an error ends the run early, the mesh, the summary and what else is written at the end are
 /// written for the frames until then.
@@ -72,11 +74,12 @@ pub fn replay(
     source: &mut Sequence,
     pipeline: &mut Pipeline,
     writer: &mut RunWriter,
+    governor: Option<&mut Governor>,
     truth: Option<&LightTruth>,
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<ReplaySummary, ReplayError> {
     let mut tally = Tally::default();
-    let ended = every_frame(source, pipeline, writer, &mut |outcome| {
+    let ended = every_frame(source, pipeline, writer, governor, &mut |outcome| {
         tally.add(outcome, truth);
         on_frame(outcome);
     });
@@ -97,6 +100,7 @@ fn every_frame(
     source: &mut Sequence,
     pipeline: &mut Pipeline,
     writer: &mut RunWriter,
+    mut governor: Option<&mut Governor>,
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<(), ReplayError> {
     loop {
@@ -107,6 +111,11 @@ fn every_frame(
         let outcome = pipeline.process(raw, times)?;
         writer.frame(pipeline, &outcome)?;
         on_frame(&outcome);
+        if let Some(governor) = &mut governor
+            && let Some(setting) = governor.after_frame(pipeline, &outcome)?
+        {
+            writer.set_setting(setting);
+        }
     }
 }
 
@@ -125,8 +134,7 @@ impl Tally {
         if !outcome.light.valid() {
             return;
         }
-        let segment = truth.and_then(|t| t.at_frame(outcome.index));
-        if let Some(error) = segment.and_then(|s| s.error_of(&outcome.light.light)) {
+        if let Some(error) = truth.and_then(|t| t.error_of(outcome.index, &outcome.light)) {
             self.angles_deg.extend(error.angle_deg);
             self.relative_l2.push(error.relative_l2);
         }

@@ -89,7 +89,7 @@ impl Fixture {
         let real = dyn_geo(&settings, &frame, &surface.main);
         let mut transfer = TransferMap::default();
         radiance_transfer(&settings, 1).transfer(&real, &surface.auxiliary, &mut transfer);
-        let light = LightEstimator::new(&settings.light).estimate(&frame, &real, &transfer);
+        let light = LightEstimator::new(&settings.light).estimate(&frame, &real, &transfer, None);
         assert!(light.valid(), "the demo's light: {:?}", light.rejection);
         surface.update(&volume, view, light.light.dominant_direction());
         let SurfaceStage { main: model, auxiliary, .. } = surface;

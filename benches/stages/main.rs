@@ -14,12 +14,13 @@ use divan::counter::{BytesCount, ItemsCount};
 use fixture::{FIXTURE, FrameStages, GBUFFER_BYTES, LitStep, TSDF_BYTES, VOXEL_BYTES};
 use kinlight::capture::{InputStage, RgbdFrame};
 use kinlight::compositing::{CompositingStage, VirtualLayer};
+use kinlight::config::Settings;
 use kinlight::geometry::{DynGeo, GBuffer};
 use kinlight::image::Image;
 use kinlight::lighting::LightEstimator;
 use kinlight::scene::Rasteriser;
 use kinlight::tracking::Tracker;
-use kinlight::transfer::{IndirectMap, TransferMap};
+use kinlight::transfer::{IndirectMap, RayTracedTransfer, TransferMap};
 
 fn main() {
     divan::main();
@@ -135,7 +136,38 @@ fn transfer_with_virtual(bencher: Bencher, step: usize) {
     );
 }
 
-/// Counted as the pass before it: whom virtual objects hide from the light, they may lend some.
+/// Rays through the volume instead of samples in buffers, on the model alone: half of the directions
+/// at each grid point. Counted are rays, so the quotient of two rows' throughputs means nothing; their
+/// times compare with [`transfer_real`].
+#[divan::bench(args = ["gr12", "gr14"])]
+fn transfer_traced(bencher: Bencher, preset: &str) {
+    let fixture = &*FIXTURE;
+    let params = Settings::preset(preset).expect("a preset").transfer;
+    let mut stage = RayTracedTransfer::new(&params).expect("valid settings");
+    let (volume, main) = (fixture.fused(), &fixture.model);
+    let mut out = TransferMap::default();
+    let points = main.depth_m.as_slice().iter().filter(|&&d| d > 0.0).count();
+    let rays = points / params.subsampling.pow(2) * params.directions / 2;
+    bencher.counter(ItemsCount::new(rays)).bench_local(|| stage.transfer(&volume, main, &mut out));
+}
+
+/// The same with virtual objects: rays against triangles near these, and from virtual surfaces.
+#[divan::bench(args = ["gr12", "gr14"])]
+fn transfer_traced_with_virtual(bencher: Bencher, preset: &str) {
+    let fixture = &*FIXTURE;
+    let params = Settings::preset(preset).expect("a preset").transfer;
+    let mut stage = RayTracedTransfer::new(&params).expect("valid settings");
+    let (volume, real) = (fixture.fused(), &fixture.model);
+    let mut merged = GBuffer::empty(fixture.view);
+    Rasteriser::default().draw(&fixture.scene, real, &mut merged, &mut VirtualLayer::default());
+    let (mut before, mut out) = (TransferMap::default(), TransferMap::default());
+    stage.transfer(&volume, real, &mut before);
+    bencher.bench_local(|| {
+        stage.transfer_with_virtual(&volume, &fixture.scene, (real, &merged), &before, &mut out);
+    });
+}
+
+/// Counted as [`transfer_with_virtual`]: whom virtual objects hide from the light, they may lend some.
 #[divan::bench(args = [1, 4])]
 fn transfer_bounce(bencher: Bencher, step: usize) {
     let fixture = &*FIXTURE;
@@ -159,10 +191,10 @@ fn light_est(bencher: Bencher, stride: usize) {
     let transfer = &fixture.lit(if stride == 4 { 4 } else { 1 }).real_transfer;
     let mut stage = LightEstimator::new(&params);
     let real = &fixture.stages.real;
-    let pixels = stage.estimate(&fixture.frame, real, transfer).pixels;
+    let pixels = stage.estimate(&fixture.frame, real, transfer, None).pixels;
     bencher
         .counter(ItemsCount::new(pixels * PER_PIXEL))
-        .bench_local(|| stage.estimate(&fixture.frame, real, transfer));
+        .bench_local(|| stage.estimate(&fixture.frame, real, transfer, None));
 }
 
 /// The geometry buffer is read and written; albedo (12 B) and coverage (4 B) are written.

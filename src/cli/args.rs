@@ -6,9 +6,11 @@ use super::study_estimator::EstimatorStudyArgs;
 use super::study_light::LightStudyArgs;
 use super::tradeoff::TradeoffArgs;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use kinlight::budget::parse_budget;
 use kinlight::capture::writer::ColorFormat;
-use kinlight::synth::SynthOptions;
+use kinlight::synth::{LightSwitch, SynthOptions, VirtualKind};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Lights virtual objects with the light of the real room, from one RGB-D camera and no light probe.
 #[derive(Debug, Parser)]
@@ -58,7 +60,7 @@ pub struct ReplayArgs {
     #[command(flatten)]
     pub run: RunArgs,
     /// Named settings to start from.
-    #[arg(long, default_value = "ours")]
+    #[arg(long, default_value = "ours", conflicts_with = "budget")]
     pub preset: String,
     /// Also write augmented.mp4 (needs the ffmpeg program).
     #[arg(long)]
@@ -80,6 +82,9 @@ pub struct CompareArgs {
     /// Also write the composed frames of each preset.
     #[arg(long)]
     pub frames_out: bool,
+    /// Leave out some of the outputs.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub without: Vec<CompareOutput>,
 }
 
 /// What replay and compare share.
@@ -119,6 +124,14 @@ pub struct RunArgs {
     /// Frames left out of the timing statistics at the start.
     #[arg(long, default_value_t = 5)]
     pub warm_up: usize,
+    /// Take the most accurate settings that keep each frame within this time, and change them while
+    /// running where that is needed (compare: as one more column).
+    #[arg(long, value_name = "33ms", value_parser = parse_budget)]
+    pub budget: Option<Duration>,
+    /// What settings cost on this machine, as written by `kinlight tradeoff`
+    /// [default: $XDG_CONFIG_HOME/kinlight/profile-cpu.toml, ~/.config without it].
+    #[arg(long, value_name = "FILE.toml", requires = "budget")]
+    pub profile: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -197,6 +210,12 @@ pub enum Output {
     Trajectory,
     Mesh,
     Timings,
+    Report,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CompareOutput {
+    Report,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, ValueEnum, serde::Serialize)]
@@ -223,7 +242,7 @@ pub struct FrameRange {
     pub end: Option<usize>,
 }
 
-fn parse_frames(text: &str) -> Result<FrameRange, String> {
+pub fn parse_frames(text: &str) -> Result<FrameRange, String> {
     let (a, b) = text.split_once("..").ok_or("expected A..B, A.. or ..B")?;
     let number =
         |t: &str| t.trim().parse::<usize>().map_err(|_| format!("'{t}' is no frame number"));
@@ -261,7 +280,7 @@ pub struct SynthArgs {
     /// Folder to write the sequence to.
     pub out: PathBuf,
     /// Remake sequences/demo bit for bit; other options are not needed then.
-    #[arg(long, conflicts_with_all = ["scene", "synth_frames", "size", "samples", "kinect", "with_virtual", "light", "environment", "jpeg", "seed"])]
+    #[arg(long, conflicts_with_all = ["scene", "synth_frames", "size", "samples", "kinect", "with_virtual", "light", "switch", "environment", "jpeg", "seed", "still", "color_noise", "virtual_object"])]
     pub demo: bool,
     /// Which built-in scene.
     #[arg(long, default_value = "demo")]
@@ -283,12 +302,24 @@ pub struct SynthArgs {
     /// Take one of four area lights on a half circle (0 to 3) instead of the scene's lamps.
     #[arg(long)]
     pub light: Option<usize>,
+    /// From frame FRAME on, take half-circle light LIGHT instead.
+    #[arg(long, value_name = "FRAME,LIGHT", value_parser = parse_switch)]
+    pub switch: Option<LightSwitch>,
     /// Light from a lat-long Radiance picture, +z up.
     #[arg(long, value_name = "FILE.hdr")]
     pub environment: Option<PathBuf>,
     /// Colour as JPEG of this quality instead of PNG.
     #[arg(long, value_name = "QUALITY")]
     pub jpeg: Option<u8>,
+    /// The camera does not move.
+    #[arg(long)]
+    pub still: bool,
+    /// Add a sensor's noise to the colour pictures.
+    #[arg(long)]
+    pub color_noise: bool,
+    /// Virtual object: figure, diffuse, coloured or bright-dark (default: the scene's own).
+    #[arg(long = "object", id = "virtual_object", value_name = "KIND", value_parser = parse_kind)]
+    pub object: Option<VirtualKind>,
     #[arg(long, default_value_t = 1)]
     pub seed: u32,
 }
@@ -310,13 +341,28 @@ impl SynthArgs {
             color: self.jpeg.map_or(ColorFormat::Png, ColorFormat::Jpeg),
             with_virtual: self.with_virtual,
             light: self.light,
+            switch: self.switch,
             environment: self.environment.clone(),
+            still: self.still,
+            color_noise: self.color_noise,
+            object: self.object,
             ..SynthOptions::default()
         }
     }
 }
 
-fn parse_size(text: &str) -> Result<(usize, usize), String> {
+fn parse_switch(text: &str) -> Result<LightSwitch, String> {
+    let number = |t: &str| t.trim().parse::<usize>().map_err(|_| format!("'{t}' is no number"));
+    let (frame, light) = text.split_once(',').ok_or("expected FRAME,LIGHT")?;
+    Ok(LightSwitch { frame: number(frame)?, light: number(light)? })
+}
+
+fn parse_kind(text: &str) -> Result<VirtualKind, String> {
+    VirtualKind::by_name(text)
+        .ok_or_else(|| format!("one of {}", VirtualKind::ALL.map(VirtualKind::name).join(", ")))
+}
+
+pub(super) fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let side =
         |t: &str| t.trim().parse::<usize>().map_err(|_| format!("'{t}' is no number of pixels"));
     let (w, h) = text.split_once(',').ok_or("expected W,H")?;

@@ -1,18 +1,21 @@
 //! One function a command.
 
-use super::args::{Buffer, CompareArgs, InfoArgs, Output, ReplayArgs, RunArgs, SynthArgs};
-use super::{CliError, Talk, objects, pictures, setup};
+use super::args::{
+    Buffer, CompareArgs, CompareOutput, InfoArgs, Output, ReplayArgs, RunArgs, SynthArgs,
+};
+use super::{CliError, Talk, objects, pictures, report, setup};
+use kinlight::budget::{BudgetSummary, Governor};
 use kinlight::capture::{FrameSource, inspect};
 use kinlight::config::Settings;
 use kinlight::eval::light::LightTruth;
 use kinlight::output::{BufferPicture, OutputPlan, RunWriter, TimingSummary, stage_table};
-use kinlight::pipeline::Pipeline;
+use kinlight::pipeline::{FrameOutcome, Pipeline};
 use kinlight::replay::{ReplayError, ReplaySummary, replay as run_sequence};
+use kinlight::report::RunRecord;
 use serde_json::json;
 use std::path::Path;
 
 pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
-    let settings = setup::settings(&args.preset, &args.run)?;
     setup::start_threads(args.run.threads)?;
     let leave_out = |output| args.without.contains(&output);
     let plan = OutputPlan {
@@ -24,38 +27,64 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
         timings: !leave_out(Output::Timings),
         video: args.video,
     };
-    let run = Run { name: &args.preset, settings, plan, dump: &args.dump, out: &args.run.out };
-    let (summary, timings) = run.go(&args.run, talk)?;
-    talk.say(stage_table(&[(&args.preset, &timings)]));
-    talk.say(&summary);
+    let pace = match setup::governor(&args.run)? {
+        Some(governor) => Pace::Budget(governor),
+        None => Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run)?.into()),
+    };
+    let done = Run { pace, plan, dump: &args.dump, out: &args.run.out }.go(&args.run, talk)?;
+    if !leave_out(Output::Report) {
+        report::write_page(&args.run.out)?;
+    }
+    talk.say(stage_table(&[(&done.name, &done.timings)]));
+    talk.say(&done.summary);
+    if let Some(budget) = &done.budget {
+        talk.say(budget);
+    }
     talk.say(format_args!("written to {}", args.run.out.display()));
-    let mut result = json!(summary);
+    let mut result = json!(done.summary);
     result["out"] = json!(args.run.out);
-    result["timings"] = json!(timings);
+    result["timings"] = json!(done.timings);
+    result["budget"] = json!(done.budget);
     talk.result(&result);
     Ok(())
 }
 
 pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
-    if args.presets.len() < 2 {
-        return Err(CliError::Usage("--presets needs at least two names".into()));
+    if args.presets.len() + usize::from(args.run.budget.is_some()) < 2 {
+        return Err(CliError::Usage(
+            "--presets needs at least two names, or one and --budget".into(),
+        ));
     }
     setup::start_threads(args.run.threads)?;
-    let mut done = Vec::new();
+    let mut paces = Vec::new();
     for name in &args.presets {
-        let settings = setup::settings(name, &args.run)?;
+        paces.push(Pace::Preset(name, setup::settings(name, &args.run)?.into()));
+    }
+    paces.extend(setup::governor(&args.run)?.map(Pace::Budget));
+    let mut done = Vec::new();
+    for pace in paces {
         let plan = OutputPlan { frames: args.frames_out, timings: true, ..OutputPlan::NOTHING };
-        let out = args.run.out.join(name);
-        let run = Run { name, settings, plan, dump: &[], out: &out };
-        done.push((name.as_str(), run.go(&args.run, talk)?));
+        let out = args.run.out.join(pace.name());
+        done.push(Run { pace, plan, dump: &[], out: &out }.go(&args.run, talk)?);
     }
-    let columns: Vec<_> = done.iter().map(|(name, (_, timings))| (*name, timings)).collect();
+    if !args.without.contains(&CompareOutput::Report) {
+        report::write_page(&args.run.out)?;
+    }
+    let columns: Vec<_> = done.iter().map(|run| (run.name.as_str(), &run.timings)).collect();
     talk.say(stage_table(&columns));
-    for (name, (summary, _)) in &done {
-        talk.say(format_args!("{name}: {summary}"));
+    for run in &done {
+        talk.say(format_args!("{}: {}", run.name, run.summary));
     }
-    let results = done.iter().map(|(name, (summary, timings))| {
-        json!({ "preset": name, "summary": summary, "timings": timings })
+    if let Some(budget) = done.iter().find_map(|run| run.budget.as_ref()) {
+        talk.say(budget);
+    }
+    let results = done.iter().map(|run| {
+        let mut result =
+            json!({ "preset": run.name, "summary": run.summary, "timings": run.timings });
+        if let Some(budget) = &run.budget {
+            result["budget"] = json!(budget);
+        }
+        result
     });
     talk.result(&json!({ "presets": results.collect::<Vec<_>>() }));
     Ok(())
@@ -84,41 +113,86 @@ pub fn synth(args: &SynthArgs, talk: Talk) -> Result<(), CliError> {
     Ok(())
 }
 
-/// One pass over a sequence with one preset.
+/// How settings are chosen: once, or from frame to frame.
+enum Pace<'a> {
+    Preset(&'a str, Box<Settings>),
+    Budget(Governor),
+}
+
+impl Pace<'_> {
+    /// Of the run.
+    fn name(&self) -> &str {
+        match self {
+            Pace::Preset(name, _) => name,
+            Pace::Budget(_) => "budget",
+        }
+    }
+}
+
+/// One pass over a sequence.
 struct Run<'a> {
-    name: &'a str,
-    settings: Settings,
+    pace: Pace<'a>,
     plan: OutputPlan,
     dump: &'a [Buffer],
     out: &'a Path,
 }
 
+/// What it came to.
+struct Done {
+    name: String,
+    summary: ReplaySummary,
+    timings: TimingSummary,
+    budget: Option<BudgetSummary>,
+}
+
 impl Run<'_> {
-    fn go(self, args: &RunArgs, talk: Talk) -> Result<(ReplaySummary, TimingSummary), CliError> {
+    fn go(self, args: &RunArgs, talk: Talk) -> Result<Done, CliError> {
         let mut source = setup::open(args)?;
         let truth = light_truth(&args.sequence)?;
         let scene = objects::scene(args, &source)?;
-        let mut pipeline = Pipeline::new(self.settings, source.camera(), scene)
+        let name = self.pace.name().to_owned();
+        let (setting, settings, mut governor) = match self.pace {
+            Pace::Preset(name, settings) => (name.to_owned(), *settings, None),
+            Pace::Budget(governor) => {
+                (governor.rung().name.clone(), governor.rung().settings.clone(), Some(governor))
+            }
+        };
+        let mut pipeline = Pipeline::new(settings, source.camera(), scene)
             .map_err(|e| CliError::Run(e.to_string()))?;
         let buffers = self.dump.iter().map(|&buffer| {
             let picture: BufferPicture = Box::new(move |p| pictures::of(buffer, p));
             (pictures::folder(buffer), picture)
         });
+        let buffers = buffers.collect();
         let mut writer =
-            RunWriter::create(self.out, self.plan, &pipeline, buffers.collect(), args.warm_up)
+            RunWriter::create(self.out, self.plan, &pipeline, buffers, args.warm_up, &setting)
                 .map_err(|e| CliError::Output(e.to_string()))?;
 
         let bar = talk.progress(source.len().unwrap_or(0));
-        bar.set_prefix(self.name.to_owned());
-        let summary =
-            run_sequence(&mut source, &mut pipeline, &mut writer, truth.as_ref(), &mut |frame| {
-                bar.set_message(format!("{:?}", frame.tracking.state));
-                bar.inc(1);
-            });
+        bar.set_prefix(name.clone());
+        let mut on_frame = |frame: &FrameOutcome| {
+            bar.set_message(format!("{:?}", frame.tracking.state));
+            bar.inc(1);
+        };
+        let summary = run_sequence(
+            &mut source,
+            &mut pipeline,
+            &mut writer,
+            governor.as_mut(),
+            truth.as_ref(),
+            &mut on_frame,
+        );
         bar.finish_and_clear();
         let summary = summary.map_err(by_kind)?;
-        let timings = writer.timing_summary().expect("a run without frames is an error");
-        Ok((summary, timings))
+        RunRecord::here(&name, &args.sequence)
+            .write(self.out)
+            .map_err(|e| CliError::Output(e.to_string()))?;
+        Ok(Done {
+            name,
+            summary,
+            timings: writer.timing_summary().expect("a run without frames is an error"),
+            budget: governor.map(|g| g.summary()),
+        })
     }
 }
 

@@ -2,8 +2,9 @@
 
 use super::CliError;
 use super::args::{Poses, ReadingArgs, RunArgs};
+use kinlight::budget::{Governor, Ladder, Profile};
 use kinlight::capture::{CaptureOptions, Sequence, open_sequence};
-use kinlight::config::Settings;
+use kinlight::config::{Settings, SettingsError};
 use kinlight::tracking::PoseMode;
 use std::path::Path;
 
@@ -23,13 +24,20 @@ pub fn start_logging(verbose: u8) {
 
 /// Preset, then file, then single fields, then the flags that are short for a field.
 pub fn settings(preset: &str, run: &RunArgs) -> Result<Settings, CliError> {
-    let usage = |e: kinlight::config::SettingsError| CliError::Usage(e.to_string());
+    let usage = |e: SettingsError| CliError::Usage(e.to_string());
     let mut settings = Settings::preset(preset).map_err(usage)?;
+    adjust(&mut settings, run).map_err(usage)?;
+    settings.validate().map_err(usage)?;
+    Ok(settings)
+}
+
+/// What the user asks for on top of a preset or of a step of a profile.
+fn adjust(settings: &mut Settings, run: &RunArgs) -> Result<(), SettingsError> {
     if let Some(file) = &run.settings {
-        settings.merge_file(file).map_err(usage)?;
+        settings.merge_file(file)?;
     }
     for assignment in &run.assignments {
-        settings.assign(assignment).map_err(usage)?;
+        settings.assign(assignment)?;
     }
     if let Some(poses) = run.poses {
         settings.tracking.mode = match poses {
@@ -41,8 +49,17 @@ pub fn settings(preset: &str, run: &RunArgs) -> Result<Settings, CliError> {
     if let Some(seed) = run.seed {
         settings.transfer.seed = seed;
     }
-    settings.validate().map_err(usage)?;
-    Ok(settings)
+    Ok(())
+}
+
+/// What keeps the run's budget, where it has one. After [`start_threads`]: profiles name the number of
+/// threads.
+pub fn governor(run: &RunArgs) -> Result<Option<Governor>, CliError> {
+    let Some(budget) = run.budget else { return Ok(None) };
+    let usage = |e: kinlight::budget::BudgetError| CliError::Usage(e.to_string());
+    let profile = Profile::find(run.profile.as_deref()).map_err(usage)?;
+    let ladder = Ladder::choose(&profile, budget, &|settings| adjust(settings, run));
+    Ok(Some(Governor::new(ladder.map_err(usage)?, budget)))
 }
 
 pub fn capture_options(reading: &ReadingArgs) -> CaptureOptions {

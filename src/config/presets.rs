@@ -37,6 +37,32 @@ pub const ALL: &[Preset] = &[
         base: Some("ours-fast"),
         changes: &[("volume.resolution", "64"), ("dyn_geo.denoise", "false")],
     },
+    Preset {
+        name: "gr12",
+        summary: "ray-traced transfer through the volume at every pixel, the model alone as geometry",
+        base: Some("ours"),
+        changes: &[
+            ("transfer.method", "ray-traced"),
+            ("bounce.enabled", "false"),
+            ("surface.left", "false"),
+            ("surface.right", "false"),
+            ("surface.top", "false"),
+            ("surface.light", "false"),
+            ("dyn_geo.merge", "false"),
+            ("dyn_geo.smooth", "false"),
+            ("dyn_geo.denoise", "false"),
+        ],
+    },
+    Preset {
+        name: "gr14",
+        summary: "gr12 on every 4th pixel in x and y, refined at edges of depth and normals",
+        base: Some("gr12"),
+        changes: &[
+            ("transfer.subsampling", "4"),
+            ("transfer.refine", "true"),
+            ("light.stride", "4"),
+        ],
+    },
 ];
 
 pub(super) fn settings(name: &str) -> Result<Settings, SettingsError> {
@@ -66,5 +92,17 @@ mod tests {
         fast.transfer.subsampling = ours.transfer.subsampling;
         fast.light.stride = ours.light.stride;
         assert_eq!(fast, ours);
+    }
+
+    #[test]
+    fn the_ray_traced_presets_take_the_model_alone_and_differ_only_in_sampling() {
+        let (gr12, mut gr14) = (settings("gr12").unwrap(), settings("gr14").unwrap());
+        assert_eq!(gr12.transfer.method, crate::transfer::TransferMethod::RayTraced);
+        assert_eq!(gr12.transfer.ray_length_m, gr12.transfer.radius_m, "both look equally far");
+        assert!(!gr12.bounce.enabled && !gr12.dyn_geo.merge && !gr12.surface.light);
+        assert!(gr14.transfer.refine && gr14.transfer.subsampling == 4);
+        gr14.transfer = gr12.transfer.clone();
+        gr14.light.stride = gr12.light.stride;
+        assert_eq!(gr14, gr12);
     }
 }

@@ -1,7 +1,7 @@
 //! Light error, and the true light of a made sequence.
 
 use super::EvalError;
-use crate::lighting::ShLight;
+use crate::lighting::{LightEstimate, ShLight};
 use crate::math::sh;
 use glam::Vec3;
 use std::path::Path;
@@ -47,6 +47,8 @@ pub fn scaled_relative_l2(estimate: &[f64], truth: &[f64]) -> Option<(f64, f64)>
 pub struct LightTruth {
     #[serde(default)]
     pub sequence: String,
+    /// World point that the light is given for; none where it is far enough to be the same everywhere.
+    pub center: Option<[f64; 3]>,
     pub segments: Vec<LightSegment>,
 }
 
@@ -77,6 +79,16 @@ impl LightTruth {
     /// The light of a frame; `None` where the file says nothing about it.
     pub fn at_frame(&self, frame: usize) -> Option<&LightSegment> {
         self.segments.iter().find(|s| (s.first_frame..=s.last_frame).contains(&frame))
+    }
+
+    /// Error of the light of a frame, at the point that the truth is given for; `None` where the file says
+    /// nothing about the frame. The estimate must be in the sequence's world.
+    pub fn error_of(&self, frame: usize, estimate: &LightEstimate) -> Option<LightError> {
+        let light = match self.center {
+            Some(center) => estimate.field.at(Some(glam::DVec3::from(center).as_vec3())),
+            None => estimate.light.clone(),
+        };
+        self.at_frame(frame)?.error_of(&light)
     }
 
     fn check(&self) -> Result<(), String> {

@@ -1,8 +1,10 @@
-//! Measures of a result against the truth: camera path, picture, light.
+//! Measures of a result against the truth: camera path, picture, light, transfer.
 
+pub mod flip;
 pub mod light;
 pub mod picture;
 pub mod trajectory;
+pub mod transfer;
 
 /// What keeps a measure from being taken.
 #[derive(Debug, thiserror::Error)]

@@ -84,7 +84,7 @@ pub fn changed(
     Ok(Image::from_vec(before.size(), pixels.map(differs).collect()))
 }
 
-fn same_size(a: Size, b: Size, window: usize) -> Result<(), EvalError> {
+pub(crate) fn same_size(a: Size, b: Size, window: usize) -> Result<(), EvalError> {
     if a != b {
         return Err(EvalError::SizeMismatch(a, b));
     }

@@ -39,6 +39,11 @@ impl AuxiliaryRig {
         }
     }
 
+    /// Other views and sizes, around the same cube.
+    pub fn reconfigure(&mut self, params: &SurfaceParams) {
+        self.params = params.clone();
+    }
+
     /// The views that are switched on: left, right, top and, where a direction is given, light.
     pub fn views(&self, towards_light: Option<Vec3>) -> Vec<View> {
         let mut views = Vec::new();

@@ -13,19 +13,19 @@ pub(super) type Ints = [i32; LANES];
 pub(super) type Mask = [u32; LANES];
 
 /// Shortest step, voxels: half a voxel looks at every cell about twice.
-const MIN_STEP: f32 = 0.5;
+pub(super) const MIN_STEP: f32 = 0.5;
 /// Share of the distance to the surface that a step covers: projective distances are longer than
 /// true ones on slanted surfaces.
-const STEP_SHARE: f32 = 0.8;
+pub(super) const STEP_SHARE: f32 = 0.8;
 /// Voxels more, so that a near surface is passed and bracketed at once.
-const STEP_BEYOND: f32 = 0.25;
+pub(super) const STEP_BEYOND: f32 = 0.25;
 /// Longest step, voxels: nothing thinner is passed over.
 pub(super) const MAX_STEP: f32 = 2.0;
 /// A crossing is refined until its distance is below this, voxels, or for `REFINEMENTS` steps.
 const CLOSE: f32 = 0.01;
 const REFINEMENTS: usize = 4;
 /// Step past the border of an empty cube, voxels.
-const NUDGE: f32 = 0.01;
+pub(super) const NUDGE: f32 = 0.01;
 
 /// The voxels as the packet reads them.
 #[derive(Clone, Copy)]
@@ -189,7 +189,7 @@ fn leave_axis(origin: &Lanes, inverse: &Lanes, voxel: &Ints, side: &Ints) -> Lan
 /// Sides of the largest of the cubes of 8, 4 and 2 voxels around voxels that hold no surface; 0
 /// where the smallest may hold some.
 #[inline(always)]
-fn empty_side(field: &Field<'_>, [x, y, z]: &[Ints; 3]) -> Ints {
+pub(super) fn empty_side(field: &Field<'_>, [x, y, z]: &[Ints; 3]) -> Ints {
     let mut out = [0; LANES];
     for i in 0..LANES {
         let index = ((z[i] >> 3) * field.grid + (y[i] >> 3)) * field.grid + (x[i] >> 3);
@@ -207,7 +207,7 @@ fn empty_side(field: &Field<'_>, [x, y, z]: &[Ints; 3]) -> Ints {
 }
 
 #[inline(always)]
-fn any(mask: &Mask) -> bool {
+pub(super) fn any(mask: &Mask) -> bool {
     mask.iter().fold(0, |a, b| a | b) != 0
 }
 
@@ -240,7 +240,7 @@ fn truncated(p: &Lanes) -> Ints {
 }
 
 #[inline(always)]
-fn rounded(p: &Lanes) -> Ints {
+pub(super) fn rounded(p: &Lanes) -> Ints {
     let mut half = *p;
     half.iter_mut().for_each(|v| *v += 0.5);
     truncated(&half) // `last` + 1/2 still truncates to `last`
@@ -305,7 +305,7 @@ impl<const N: usize> Cube<N> {
 
 /// Trilinear distances in voxels; NaN where a corner was not seen.
 #[inline(always)]
-fn trilinear(field: &Field<'_>, point: &[Lanes; 3]) -> Lanes {
+pub(super) fn trilinear(field: &Field<'_>, point: &[Lanes; 3]) -> Lanes {
     let (base, fraction) = cells(field, point);
     let cube = Cube::<2>::new(field, &base);
     let mut corners = [[0.0; LANES]; 8];

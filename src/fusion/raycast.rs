@@ -77,7 +77,7 @@ impl TileRow<'_> {
 }
 
 /// A ray along an axis never crosses the planes of the others: far away, not 0/0.
-fn away_from_zero(component: f32) -> f32 {
+pub(super) fn away_from_zero(component: f32) -> f32 {
     if component.abs() < 1e-9 { 1e-9 } else { component }
 }
 

@@ -51,6 +51,23 @@ impl SurfaceStage {
         &self.rig
     }
 
+    /// Takes other settings from the next update on. Buffers whose view stays keep what they show.
+    pub fn reconfigure(&mut self, params: &SurfaceParams) {
+        self.params = params.clone();
+        self.rig.reconfigure(params);
+        let mut known: Vec<(Shown, GBuffer)> =
+            self.shown.drain(..).zip(self.auxiliary.drain(..)).collect();
+        for view in self.rig.views(self.light) {
+            let at = known.iter().position(|(shown, _)| shown.view == view);
+            let (shown, buffer) = at.map_or_else(
+                || (Shown { view, revision: None }, GBuffer::empty(view)),
+                |at| known.swap_remove(at),
+            );
+            self.shown.push(shown);
+            self.auxiliary.push(buffer);
+        }
+    }
+
     /// Casts what `camera_view` sees, and the auxiliary buffers that are due. `towards_light` is a
     /// unit vector; without it the last known direction is kept.
     pub fn update(&mut self, volume: &TsdfVolume, camera_view: View, towards_light: Option<Vec3>) {

@@ -56,7 +56,8 @@ impl DynGeo {
     /// normals, origin [`Model`](super::Origin::Model) or [`Sensor`](super::Origin::Sensor).
     ///
     /// `model` is ray-cast from the volume into the camera of `frame`. A sensor pixel may end
-    /// without a normal (0) where no neighbour lies on its surface.
+    /// without a normal (0) where no neighbour lies on its surface. With all passes off, `out` is the
+    /// model itself.
     ///
     /// # Panics
     /// If frame and model differ in size.
@@ -64,6 +65,9 @@ impl DynGeo {
         let size = model.size();
         assert_eq!(frame.depth_m.size(), size, "sensor depth against model");
         assert_eq!(frame.intensity.size(), size, "intensity against model");
+        if !(self.params.merge || self.params.smooth || self.params.denoise) {
+            return out.copy_from(model);
+        }
         out.set_view(model.view);
 
         let guide = Guide { image: &frame.intensity, threshold: self.params.intensity_threshold };

@@ -49,6 +49,16 @@ impl GBuffer {
         self.depth_m.size()
     }
 
+    /// Takes over everything, keeping memory where the size allows.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.set_view(other.view);
+        self.depth_m.as_mut_slice().copy_from_slice(other.depth_m.as_slice());
+        self.normals.x.as_mut_slice().copy_from_slice(other.normals.x.as_slice());
+        self.normals.y.as_mut_slice().copy_from_slice(other.normals.y.as_slice());
+        self.normals.z.as_mut_slice().copy_from_slice(other.normals.z.as_slice());
+        self.origin.as_mut_slice().copy_from_slice(other.origin.as_slice());
+    }
+
     /// Takes another view, keeping memory where the size allows. Contents are stale until written.
     pub fn set_view(&mut self, view: View) {
         let size = view.size();

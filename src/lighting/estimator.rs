@@ -1,23 +1,19 @@
 //! The light from frame to frame: memory, robustness, and what to do with frames that show nothing.
 
-use super::normal_equations::NormalEquations;
-use super::samples::{Counts, Residual, Samples};
-use super::solve::{Prior, Solution, Spectrum, solve, spectrum};
+use super::bank::{Bank, Batch};
+use super::field::LightField;
+use super::fit::{Fit, Residual};
+use super::samples::{Counts, Samples, Seen};
+use super::solve::{Solution, Spectrum, spectrum};
 use super::{LightParams, ShLight};
 use crate::capture::RgbdFrame;
 use crate::geometry::GBuffer;
-use crate::math::color::luminance;
 use crate::math::{View, sh};
 use crate::transfer::TransferMap;
+use glam::Vec3;
 
 /// Samples that are needed for each coefficient.
 const SAMPLES_PER_COEFFICIENT: usize = 4;
-
-/// Rounds of re-weighting. The weights of an L1-like loss settle within a few.
-const HUBER_ROUNDS: usize = 2;
-
-/// Weight of the past against the present when the two are compared.
-const PAST_DOMINANCE: f64 = 10.0;
 
 /// Residuals below this (relative) are quantisation: they never count as a change of light.
 const QUIET_RESIDUAL: f64 = 0.02;
@@ -54,7 +50,9 @@ pub struct LightEstimate {
     /// Standard deviation of each coefficient of the luminance. Takes errors for independent from
     /// pixel to pixel, the prior for a true one and the albedo for uniform: a lower bound.
     pub deviation: Vec<f32>,
-    /// Pixels used.
+    /// The same at any other point.
+    pub field: LightField,
+    /// Usable pixels; the light is fitted to an even selection of them.
     pub pixels: usize,
     /// `None` for a light from this frame.
     pub rejection: Option<Rejection>,
@@ -65,6 +63,22 @@ pub struct LightEstimate {
 }
 
 impl LightEstimate {
+    /// A light that is known, and so comes from no pixel.
+    pub fn given(light: ShLight) -> Self {
+        Self {
+            condition: 1.0,
+            rank: light.coefficients.len(),
+            residual: 0.0,
+            deviation: vec![0.0; light.coefficients.len()],
+            pixels: 0,
+            rejection: None,
+            age_frames: 0,
+            changed: false,
+            field: LightField::uniform(light.clone()),
+            light,
+        }
+    }
+
     pub fn valid(&self) -> bool {
         self.rejection.is_none()
     }
@@ -75,11 +89,8 @@ impl LightEstimate {
 pub struct LightEstimator {
     params: LightParams,
     samples: Samples,
-    /// Normal equations of the frames so far, with forgetting.
-    past: NormalEquations,
-    /// Those of the present frame, and of both together.
-    present: NormalEquations,
-    total: NormalEquations,
+    bank: Bank,
+    fit: Fit,
     last: Option<LightEstimate>,
     /// Residuals of recent frames under the light before them.
     usual_residual: f64,
@@ -92,9 +103,8 @@ impl LightEstimator {
         Self {
             params: params.clone(),
             samples: Samples::default(),
-            past: NormalEquations::default(),
-            present: NormalEquations::default(),
-            total: NormalEquations::default(),
+            bank: Bank::default(),
+            fit: Fit::default(),
             last: None,
             usual_residual: 0.0,
             suspect: false,
@@ -103,68 +113,92 @@ impl LightEstimator {
 
     /// Forgets all frames.
     pub fn reset(&mut self) {
-        self.past.reset(0, 0);
+        self.forget();
         self.last = None;
         self.suspect = false;
     }
 
+    fn forget(&mut self) {
+        self.bank.clear();
+        self.fit.forget();
+    }
+
+    /// Takes other settings, and other bands, from the next frame on. What was learnt is kept where
+    /// bands and channels stay; the last light is kept in any case, cut off or with zeros added.
+    pub fn reconfigure(&mut self, params: &LightParams, bands: usize) {
+        self.params = params.clone();
+        if let Some(last) = &mut self.last {
+            last.light.bands = bands;
+            last.light.coefficients.resize(sh::coefficients(bands), [0.0; 3]);
+            last.field = LightField::uniform(last.light.clone());
+            let unknown = last.deviation.iter().copied().fold(0.0, f32::max);
+            last.deviation.resize(sh::coefficients(bands), unknown);
+        }
+    }
+
     /// Takes in one frame. `surface` and `frame` have one size, and `transfer` belongs to `surface`.
+    ///
+    /// The light is that at the point `at`, in the world of the surfaces; without one, in the middle of what
+    /// is seen. It depends on the place where a lamp is near.
     pub fn estimate(
         &mut self,
         frame: &RgbdFrame,
         surface: &GBuffer,
         transfer: &TransferMap,
+        at: Option<Vec3>,
     ) -> LightEstimate {
-        let renewed = self.renew(frame, surface, transfer);
-        let estimate = match renewed {
-            Ok(estimate) => {
-                self.past.clone_from(&self.total);
-                estimate
-            }
+        let seen = Seen { frame, surface, transfer };
+        let estimate = match self.renew(&seen, at) {
+            Ok(estimate) => estimate,
             Err(rejection) => self.keep(rejection, &surface.view, transfer.bands),
         };
         self.last = Some(estimate.clone());
         estimate
     }
 
-    /// The light of a frame without any surface to look at: the last one, a frame older.
+    /// For frames whose surface is unknown, as where the camera is lost.
     pub fn without_surface(&mut self, view: &View, bands: usize) -> LightEstimate {
         let estimate = self.keep(Rejection::NoSurface, view, bands);
         self.last = Some(estimate.clone());
         estimate
     }
 
-    fn renew(
-        &mut self,
-        frame: &RgbdFrame,
-        surface: &GBuffer,
-        transfer: &TransferMap,
-    ) -> Result<LightEstimate, Rejection> {
-        let counts = self.samples.gather(frame, surface, transfer, &self.params);
-        let n = sh::coefficients(transfer.bands);
+    fn renew(&mut self, seen: &Seen, at: Option<Vec3>) -> Result<LightEstimate, Rejection> {
+        let counts = self.samples.find(seen, &self.params);
+        let n = sh::coefficients(seen.transfer.bands);
         enough_samples(&counts, n)?;
-        self.samples.accumulate(&mut self.present);
-        let changed = self.detect_change()?;
-        if changed {
-            self.past.reset(0, 0);
+        if self.last.is_none() || self.bank.coefficients() != n {
+            self.forget();
+            self.suspect = false;
         }
-        let solution = self.solve_robustly();
-        let light = sh_light(&solution.light, transfer.bands);
-        let residual = self.samples.residual(&light.luminance());
+        let changed = !self.bank.is_empty() && self.detect_change(seen, n)?;
+        if changed {
+            self.forget();
+        }
+        let first = self.bank.is_empty();
+        let present = self.present(seen, self.bank.frames());
+        self.bank.push(present, n, self.params.memory as f32);
+        let solution = self.fit.explain(&mut self.bank, &self.params);
+        let newest = self.bank.newest().expect("pushed above");
+        let residual = self.fit.residual(newest, n, true);
+        let field = self.fit.light_field(&solution, seen.transfer.bands);
+        let light = field.at(at);
         let finite = light.coefficients.iter().flatten().all(|c| c.is_finite());
         if !(finite && residual.squares.is_finite()) {
+            self.forget();
             return Err(Rejection::NotFinite);
         }
-        if changed || self.past.n == 0 {
+        if changed || first {
             self.usual_residual = residual.relative();
         }
-        let Spectrum { rank, condition } = spectrum(&self.total);
+        let Spectrum { rank, condition } = spectrum(self.fit.equations());
         Ok(LightEstimate {
             deviation: deviation(&solution, &light, &residual, rank),
             light,
             condition,
             rank,
             residual: residual.relative(),
+            field,
             pixels: counts.used,
             rejection: None,
             age_frames: 0,
@@ -172,21 +206,19 @@ impl LightEstimator {
         })
     }
 
-    /// Does the present frame show another light than the past? The first frame that says so must
-    /// be confirmed by the next, so that a single bad picture costs one frame and no more.
+    fn present(&mut self, seen: &Seen, phase: usize) -> Batch {
+        let mut batch = self.bank.blank();
+        self.samples.pick(seen, phase, self.params.hidden_radiance, &mut batch);
+        batch
+    }
+
+    /// Whether this frame shows another light than those before.
     ///
-    /// The present is held against a light that fits the past first, and the present only in what
-    /// the past leaves open: a view of new surfaces is no change. Nor is a picture that no light
-    /// explains (another albedo): its own best light must do clearly better.
-    fn detect_change(&mut self) -> Result<bool, Rejection> {
-        if self.last.is_none() || !self.past.same_shape(&self.present) {
-            self.past.reset(0, 0);
-            self.suspect = false;
-            return Ok(false);
-        }
-        self.total.clone_from(&self.present);
-        self.total.add_scaled(&self.past, PAST_DOMINANCE);
-        let under_past = residual_under(&mut self.samples, &self.total, &self.params);
+    /// The first frame that the light so far doesn't explain is refused: it may be a flash, or a hand before
+    /// the lens. The second decides.
+    fn detect_change(&mut self, seen: &Seen, n: usize) -> Result<bool, Rejection> {
+        let present = self.present(seen, 0);
+        let under_past = self.fit.residual(&present, n, false).relative();
         let limit = self.params.change_factor * self.usual_residual.max(QUIET_RESIDUAL);
         if under_past <= limit {
             self.suspect = false;
@@ -197,30 +229,10 @@ impl LightEstimator {
             return Err(Rejection::Unconfirmed);
         }
         self.suspect = false;
-        let own = residual_under(&mut self.samples, &self.present, &self.params);
         self.usual_residual = under_past;
+        // A picture that no light explains well is no other light.
+        let own = own_residual(present, n, &self.params);
         Ok(under_past > self.params.change_factor * own.max(QUIET_RESIDUAL))
-    }
-
-    /// Iteratively re-weighted least squares on the present frame, together with the past.
-    fn solve_robustly(&mut self) -> Solution {
-        let mut solution = self.solve_with_past();
-        let rounds = if self.params.huber > 0.0 { HUBER_ROUNDS } else { 0 };
-        for _ in 0..rounds {
-            self.samples.residual(&mono(&solution.light));
-            self.samples.weigh(self.params.huber);
-            self.samples.accumulate(&mut self.present);
-            solution = self.solve_with_past();
-        }
-        solution
-    }
-
-    fn solve_with_past(&mut self) -> Solution {
-        self.total.clone_from(&self.present);
-        if self.past.same_shape(&self.present) {
-            self.total.add_scaled(&self.past, self.params.memory);
-        }
-        solve(&self.total, &Prior::new(&self.total, &self.params))
     }
 
     /// The last good light, grown older.
@@ -236,10 +248,12 @@ impl LightEstimator {
     }
 }
 
-/// Relative residual of the samples under the light that solves these equations.
-fn residual_under(samples: &mut Samples, equations: &NormalEquations, params: &LightParams) -> f64 {
-    let light = solve(equations, &Prior::new(equations, params)).light;
-    samples.residual(&mono(&light)).relative()
+/// Residual of a batch under the light that explains it alone.
+fn own_residual(batch: Batch, n: usize, params: &LightParams) -> f64 {
+    let (mut bank, mut fit) = (Bank::default(), Fit::default());
+    bank.push(batch, n, 0.0);
+    fit.explain(&mut bank, params);
+    bank.newest().map_or(0.0, |batch| fit.residual(batch, n, false).relative())
 }
 
 fn enough_samples(counts: &Counts, coefficients: usize) -> Result<(), Rejection> {
@@ -254,26 +268,6 @@ fn enough_samples(counts: &Counts, coefficients: usize) -> Result<(), Rejection>
     ];
     let commonest = reasons.iter().max_by_key(|(count, _)| *count);
     Err(commonest.map_or(Rejection::NoSurface, |&(_, reason)| reason))
-}
-
-fn sh_light(channels: &[Vec<f64>], bands: usize) -> ShLight {
-    let coefficients = (0..channels[0].len())
-        .map(|i| match channels {
-            [r, g, b] => [r[i] as f32, g[i] as f32, b[i] as f32],
-            _ => [channels[0][i] as f32; 3],
-        })
-        .collect();
-    ShLight { bands, coefficients }
-}
-
-/// Luminance of a light of one or three channels.
-fn mono(channels: &[Vec<f64>]) -> Vec<f32> {
-    match channels {
-        [r, g, b] => {
-            (0..r.len()).map(|i| luminance([r[i] as f32, g[i] as f32, b[i] as f32])).collect()
-        }
-        _ => channels[0].iter().map(|&v| v as f32).collect(),
-    }
 }
 
 fn deviation(solution: &Solution, light: &ShLight, residual: &Residual, rank: usize) -> Vec<f32> {
@@ -305,8 +299,10 @@ fn neutral(view: &View, bands: usize) -> LightEstimate {
             _ => [0.0; 3],
         })
         .collect();
+    let light = ShLight { bands, coefficients };
     LightEstimate {
-        light: ShLight { bands, coefficients },
+        field: LightField::uniform(light.clone()),
+        light,
         condition: 1e16,
         rank: 0,
         residual: 0.0,

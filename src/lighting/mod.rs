@@ -1,12 +1,16 @@
 //! Light from the camera image: least squares on transfer (Gruber et al. 2015, Sec. 5.2).
 //!
 //! ```text
-//! frame, surface, transfer -> samples -> normal equations -> solve -> estimator -> LightEstimate
-//!                                ^-- robust weights ----------'          '-- memory, change detector
+//! frame, surface, transfer -> samples -> bank of frames -> lamp, albedo, least squares -> LightEstimate
+//!                                            ^---- robust weights ---'  '-- change detector
 //! ```
 
+mod albedo;
+mod bank;
 mod estimator;
 pub mod exitant;
+mod field;
+mod fit;
 mod lamp;
 mod normal_equations;
 mod samples;
@@ -16,6 +20,8 @@ mod solve;
 mod tests;
 
 pub use estimator::{LightEstimate, LightEstimator, Rejection};
+pub use field::LightField;
+pub use lamp::Lamp;
 
 use crate::math::sh;
 use glam::Vec3;
@@ -56,9 +62,11 @@ pub enum LightChannels {
 pub enum LightPrior {
     /// None at all, as plain Tikhonov regularisation has it.
     Dark,
-    /// That of the one distant lamp and ambient light that explain the picture best.
+    /// That of the one lamp at infinity and ambient light that explain the picture best.
+    DistantLamp,
+    /// The same with a lamp that has a place, so that its light falls off over the scene.
     #[default]
-    Lamp,
+    NearLamp,
 }
 
 /// LightEst stage.
@@ -70,14 +78,24 @@ pub struct LightParams {
     /// Only surfaces of the model count: their normals are averages over many frames, and what
     /// shadows them is known. What lies outside the volume does not.
     pub model_only: bool,
-    /// Tikhonov weight relative to the mean eigenvalue (trace / n) of the normal equations.
+    /// With a lamp: one albedo for each class of colour, instead of one for all.
+    pub albedo_classes: bool,
+    /// Directions of surface count by the square root of the number of pixels that show them.
+    pub balance_normals: bool,
+    /// Surfaces reflect this share of the light that reaches them from hidden directions, where other
+    /// surfaces of mean brightness are: taken away before the fit. 0: nothing comes from there.
+    pub hidden_radiance: f32,
+    /// World point where the light is wanted; none: in the middle of the virtual objects, or without
+    /// any, of what is seen.
+    pub at: Option<[f64; 3]>,
+    /// Tikhonov weight of what is added to the prior's light, relative to the mean eigenvalue (trace / n) of the normal equations.
     pub tikhonov: f64,
     /// The penalty of band l is multiplied by (l (l + 1) / 2)^band_power; 0 treats all bands alike.
     /// Bands 0 and 1 have the same.
     pub band_power: f64,
     /// Huber threshold in robust standard deviations of the residual; 0 is plain least squares.
     pub huber: f32,
-    /// Share of the accumulated normal equations that is kept from one frame to the next.
+    /// What a frame's samples count for, a frame later. Sixteen frames are remembered at most.
     pub memory: f64,
     /// The past is dropped where the residual grows by this factor.
     pub change_factor: f64,
@@ -98,7 +116,11 @@ impl Default for LightParams {
             channels: LightChannels::default(),
             prior: LightPrior::default(),
             model_only: true,
-            tikhonov: 0.3,
+            albedo_classes: true,
+            balance_normals: true,
+            hidden_radiance: 0.5,
+            at: None,
+            tikhonov: 1.0,
             band_power: 0.5,
             huber: 1.345,
             memory: 0.9,

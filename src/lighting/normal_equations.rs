@@ -40,22 +40,6 @@ impl NormalEquations {
         }
     }
 
-    pub fn same_shape(&self, other: &Self) -> bool {
-        self.n == other.n && self.rhs.len() == other.rhs.len()
-    }
-
-    /// `self += scale * other`; both have the same shape.
-    pub fn add_scaled(&mut self, other: &Self, scale: f64) {
-        let add = |to: &mut [f64], from: &[f64]| {
-            to.iter_mut().zip(from).for_each(|(a, b)| *a += scale * b);
-        };
-        add(&mut self.gram, &other.gram);
-        for (to, from) in self.rhs.iter_mut().zip(&other.rhs) {
-            add(to, from);
-        }
-        self.weight += scale * other.weight;
-    }
-
     /// Mean of the diagonal: the scale that the regularisation is relative to.
     pub fn mean_eigenvalue(&self) -> f64 {
         (0..self.n).map(|i| self.gram[i * (self.n + 1)]).sum::<f64>() / self.n.max(1) as f64
@@ -150,25 +134,6 @@ fn gram_block<const P: usize>(
     dispatch(rows, weighted, first, out);
 }
 
-/// Dot product of two rows; pairs are summed as a tree, so that it vectorises.
-#[inline(always)]
-pub fn dot_padded<const P: usize>(a: &[f32; P], b: &[f32; P]) -> f32 {
-    let mut lanes = [0.0f32; 16];
-    for block in 0..P / 16 {
-        for k in 0..16 {
-            lanes[k] += a[block * 16 + k] * b[block * 16 + k];
-        }
-    }
-    let mut half = 8;
-    while half > 0 {
-        for k in 0..half {
-            lanes[k] += lanes[k + half];
-        }
-        half /= 2;
-    }
-    lanes[0]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -210,26 +175,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn scaled_sums_add() {
-        let (rows, targets, weights) = case(9, 100);
-        let mut once = NormalEquations::default();
-        once.reset(9, 3);
-        once.add_rows(&rows, &targets, &weights);
-        let mut twice = once.clone();
-        twice.add_scaled(&once, 0.5);
-        assert_eq!(twice.gram[13], once.gram[13] * 1.5);
-        assert_eq!(twice.rhs[2][4], once.rhs[2][4] * 1.5);
-        assert_eq!(twice.weight, once.weight * 1.5);
-    }
-
-    #[test]
-    fn padded_dot_product() {
-        let a: [f32; 32] = std::array::from_fn(|i| i as f32);
-        let b: [f32; 32] = std::array::from_fn(|i| if i % 2 == 0 { 1.0 } else { -0.5 });
-        // small whole and half numbers: exact
-        assert_eq!(dot_padded(&a, &b), 240.0 - 128.0);
     }
 }

@@ -1,69 +1,44 @@
 //! Regularised solution of the normal equations, and how well they determine it.
 
-use super::lamp::LampFit;
+use super::LightParams;
 use super::normal_equations::NormalEquations;
-use super::{LightParams, LightPrior};
-use glam::DVec3;
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
 /// Eigenvalues below this share of the largest are rounding: T is f32, and its products are summed
 /// in f32 over short chunks.
 const RANK_TOLERANCE: f64 = 1e-7;
 
-/// How far the lamp may be from the direction that the dark prior finds.
-const LAMP_REACH_RAD: f64 = 0.2;
-
-/// Least squares with a quadratic penalty, (N + P) l = b + P m with diagonal P: every coefficient is
-/// believed to be near m, the more so in high bands. m is zero, or the light of one lamp and ambient
-/// that explains the picture best ([`LightPrior`]).
-///
-/// With m = 0:
-/// Measured on a path-traced table under one lamp (exact depth; mean over six views of the angle
-/// between estimated and true dominant direction): no prior 83 degrees, P = 0.1 of the mean
-/// eigenvalue 30, 0.3 20, 1 18, and 0.3 with weights growing with the band 17. Pulling the mean
-/// level towards the ambient light that explains the image best, instead of towards 0, gives 48:
-/// what the mean level takes, the direction lacks.
+/// Least squares with a quadratic penalty, (N + P) l = b with diagonal P: every coefficient is believed to
+/// be near zero, the more so in high bands.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Prior {
+pub struct Penalty {
     /// Diagonal of P, in units of the normal equations.
-    precision: Vec<f64>,
-    /// m of each channel; empty for zero.
-    mean: Vec<Vec<f64>>,
+    diagonal: Vec<f64>,
 }
 
-impl Prior {
+impl Penalty {
     pub fn new(equations: &NormalEquations, params: &LightParams) -> Self {
         let unit = params.tikhonov * equations.mean_eigenvalue();
         // Relative to band 1; the mean level is penalised like band 1.
         let weight = |l: usize| ((l * (l + 1)).max(2) as f64 / 2.0).powf(params.band_power);
-        let precision = (0..equations.n).map(|i| unit * weight(i.isqrt())).collect();
-        let dark = Self { precision, mean: Vec::new() };
-        match params.prior {
-            LightPrior::Dark => dark,
-            LightPrior::Lamp => {
-                let mean = lamp_light(equations, &dark).unwrap_or_default();
-                Self { mean, ..dark }
-            }
-        }
+        Self { diagonal: (0..equations.n).map(|i| unit * weight(i.isqrt())).collect() }
     }
 }
 
-/// Bands 0 and 1 as the dark prior finds them, the others as the lamp has them that fits best around
-/// that direction.
-///
-/// The lamp alone as the mean of all bands explains surfaces of different albedo by light that is not
-/// there: in two of twelve made scenes it is off by 75 and 125 degrees where the dark prior is off by
-/// 6 and 2. Dominant direction, and relative L2 of all coefficients, median over the twelve scenes:
-/// dark 13.9 degrees and 0.78, the lamp in all bands 28.6 and 0.66, as it is here 14.7 and 0.58.
-fn lamp_light(equations: &NormalEquations, dark: &Prior) -> Option<Vec<Vec<f64>>> {
-    let channels = solve(equations, dark).light;
-    let band = |i: usize| channels.iter().map(|c| c.get(i).copied().unwrap_or(0.0)).sum::<f64>();
-    let around = DVec3::new(band(3), band(1), band(2)).try_normalize()?;
-    let mut light = LampFit::new(equations, around, LAMP_REACH_RAD)?.light(equations.n);
-    for (mean, dark) in light.iter_mut().zip(&channels) {
-        mean[..4].copy_from_slice(&dark[..4]);
+/// Non-negative least squares of two unknowns, with the symmetric matrix `[aa, ab, bb]`.
+pub fn non_negative_pair([aa, ab, bb]: [f64; 3], [a_seen, b_seen]: [f64; 2]) -> (f64, f64) {
+    let determinant = aa * bb - ab * ab;
+    if determinant > 1e-12 * aa * bb {
+        let a = (bb * a_seen - ab * b_seen) / determinant;
+        let b = (aa * b_seen - ab * a_seen) / determinant;
+        if a >= 0.0 && b >= 0.0 {
+            return (a, b);
+        }
     }
-    Some(light)
+    // One of the two is zero: the better of each alone.
+    let alone = |seen: f64, gram: f64| if gram > 0.0 { (seen / gram).max(0.0) } else { 0.0 };
+    let (a, b) = (alone(a_seen, aa), alone(b_seen, bb));
+    if a * a_seen >= b * b_seen { (a, 0.0) } else { (0.0, b) }
 }
 
 /// Solution for every channel, and the inverse that their deviations come from.
@@ -85,18 +60,13 @@ pub struct Spectrum {
     pub condition: f64,
 }
 
-pub fn solve(equations: &NormalEquations, prior: &Prior) -> Solution {
+pub fn solve(equations: &NormalEquations, penalty: &Penalty) -> Solution {
     let n = equations.n;
     let mut matrix = DMatrix::from_row_slice(n, n, &equations.gram);
     for i in 0..n {
-        matrix[(i, i)] += prior.precision[i];
+        matrix[(i, i)] += penalty.diagonal[i];
     }
-    let mut rhs: Vec<_> = equations.rhs.iter().map(|b| DVector::from_column_slice(b)).collect();
-    for (b, mean) in rhs.iter_mut().zip(&prior.mean) {
-        for i in 0..n {
-            b[i] += prior.precision[i] * mean[i];
-        }
-    }
+    let rhs: Vec<_> = equations.rhs.iter().map(|b| DVector::from_column_slice(b)).collect();
     by_cholesky(&matrix, &rhs).unwrap_or_else(|| by_eigenvectors(matrix, &rhs))
 }
 
@@ -160,13 +130,13 @@ mod tests {
         NormalEquations { n: rhs.len(), gram: gram.to_vec(), rhs: vec![rhs.to_vec()], weight: 1.0 }
     }
 
-    fn no_prior(n: usize) -> Prior {
-        Prior { precision: vec![0.0; n], mean: Vec::new() }
+    fn no_penalty(n: usize) -> Penalty {
+        Penalty { diagonal: vec![0.0; n] }
     }
 
     #[test]
     fn known_system_and_inverse() {
-        let found = solve(&equations(&[4.0, 2.0, 2.0, 3.0], &[2.0, 5.0]), &no_prior(2));
+        let found = solve(&equations(&[4.0, 2.0, 2.0, 3.0], &[2.0, 5.0]), &no_penalty(2));
         // inverse of [[4, 2], [2, 3]] is [[3, -2], [-2, 4]] / 8
         for (a, b) in found.light[0].iter().zip([-0.5, 2.0]) {
             assert!((a - b).abs() < 1e-14);
@@ -178,12 +148,12 @@ mod tests {
 
     #[test]
     fn singular_system_gives_the_solution_of_least_norm() {
-        let found = solve(&equations(&[1.0, 1.0, 1.0, 1.0], &[2.0, 2.0]), &no_prior(2));
+        let found = solve(&equations(&[1.0, 1.0, 1.0, 1.0], &[2.0, 2.0]), &no_penalty(2));
         for i in 0..2 {
             assert!((found.light[0][i] - 1.0).abs() < 1e-14);
             assert!((found.undetermined[i] - 0.5).abs() < 1e-14);
         }
-        let nothing = solve(&equations(&[0.0; 4], &[0.0; 2]), &no_prior(2));
+        let nothing = solve(&equations(&[0.0; 4], &[0.0; 2]), &no_penalty(2));
         assert_eq!(nothing.light[0], [0.0, 0.0]);
         assert_eq!(nothing.undetermined, [1.0, 1.0]);
     }
@@ -193,13 +163,8 @@ mod tests {
         let mut gram = [0.0; 81];
         (0..9).for_each(|i| gram[i * 10] = 2.0);
         let equations = equations(&gram, &[1.0; 9]);
-        let params = LightParams {
-            prior: LightPrior::Dark,
-            tikhonov: 0.5,
-            band_power: 2.0,
-            ..LightParams::default()
-        };
-        let found = solve(&equations, &Prior::new(&equations, &params));
+        let params = LightParams { tikhonov: 0.5, band_power: 2.0, ..LightParams::default() };
+        let found = solve(&equations, &Penalty::new(&equations, &params));
         // the mean eigenvalue is 2: penalties are 1 in bands 0 and 1, (6 / 2)^2 in band 2
         for (i, l) in found.light[0].iter().enumerate() {
             let expected = if i < 4 { 1.0 / 3.0 } else { 1.0 / 11.0 };

@@ -79,7 +79,7 @@ impl Case {
     }
 
     fn estimated_by(&self, estimator: &mut LightEstimator) -> LightEstimate {
-        estimator.estimate(&self.frame, &self.surface, &self.transfer)
+        estimator.estimate(&self.frame, &self.surface, &self.transfer, None)
     }
 
     fn estimate(&self, params: &LightParams) -> LightEstimate {
@@ -123,6 +123,9 @@ const WHITE: [f32; 3] = [1.0; 3];
 /// The paper's solver: no prior, no weights, no memory. Accepts every normal.
 fn plain() -> LightParams {
     LightParams {
+        prior: LightPrior::Dark,
+        balance_normals: false,
+        hidden_radiance: 0.0,
         tikhonov: 0.0,
         huber: 0.0,
         memory: 0.0,
@@ -185,29 +188,35 @@ fn few_normals_stay_within_the_bound_of_the_prior() {
         |k| if k.is_multiple_of(2) { -Vec3::Z } else { Vec3::new(0.0, -0.8, -0.6) },
         seen_normals,
     ];
-    for prior in [LightPrior::Dark, LightPrior::Lamp] {
-        let params = LightParams { band_power: 0.0, prior, ..every_pixel() };
+    for prior in [LightPrior::Dark, LightPrior::DistantLamp, LightPrior::NearLamp] {
+        let params = LightParams {
+            band_power: 0.0,
+            balance_normals: false,
+            hidden_radiance: 0.0,
+            prior,
+            ..every_pixel()
+        };
         for (number, normal) in normals.into_iter().enumerate() {
             let case = case(SIZE, 4, &truth, normal);
             let found = case.estimate(&params);
             assert_finite(&found);
-            // The minimum is no higher than the cost of the prior's mean m, so lambda |l - m|^2 is at most
-            // sum I^2, with lambda = tikhonov sum |T|^2 / n; and |m| is bounded by the lamp's own
-            // ridge in the same way.
+            // The minimum is no higher than the cost of nothing, so lambda |l|^2 is at most sum I^2, with
+            // lambda = tikhonov sum |T|^2 / n. A lamp comes on top, bounded by its own ridge in the same
+            // way; it takes at most the energy that is there.
             let seen: f64 =
                 case.frame.color.as_slice().iter().map(|c| f64::from(c[0]).powi(2)).sum();
             let t: f64 = case.transfer.coefficients.iter().map(|t| f64::from(*t).powi(2)).sum();
             let bound = |ridge: f64| (seen * 16.0 / (ridge * t)).sqrt();
-            let mean = if prior == LightPrior::Lamp { bound(super::lamp::RIDGE) } else { 0.0 };
-            let bound = bound(params.tikhonov) + mean;
+            let lamp = if prior == LightPrior::Dark { 0.0 } else { bound(super::lamp::RIDGE) };
+            let bound = bound(params.tikhonov) + lamp;
             let size =
                 found.light.luminance().iter().map(|l| f64::from(*l).powi(2)).sum::<f64>().sqrt();
             assert!(size < bound, "{prior:?} {number}: {size} against {bound}");
             assert!(found.residual < 0.1, "{prior:?} {number}: {}", found.residual);
             if number == 2 {
                 // Half of the normals are never seen, so the dark prior turns the light towards the
-                // mean normal: measured 28 degrees, and 23 with a lamp in the higher bands.
-                let limit = if prior == LightPrior::Dark { 32.0 } else { 26.0 };
+                // mean normal: TODO measured.
+                let limit = if prior == LightPrior::Dark { 36.0 } else { 3.0 };
                 let angle = angle_deg(&found.light, &truth);
                 println!("{prior:?}: {angle:.1} degrees");
                 assert!(angle < limit, "{prior:?}: {angle}");
@@ -299,7 +308,7 @@ fn accumulated_views_know_more_than_one() {
         })
     };
     let (left, right) = (half(-1.0), half(1.0));
-    let params = LightParams { tikhonov: 1e-3, huber: 0.0, ..every_pixel() };
+    let params = LightParams { tikhonov: 1e-3, memory: 0.9, stride: 1, ..plain() };
     let alone = right.estimate(&params);
     let mut estimator = LightEstimator::new(&params);
     left.estimated_by(&mut estimator);
@@ -413,7 +422,7 @@ fn stride_is_never_finer_than_the_transfer() {
         let coefficients = full.transfer.at(5, 5).repeat(grid.pixels());
         let transfer = TransferMap { bands: 3, step, grid, coefficients };
         let params = LightParams { stride, ..every_pixel() };
-        LightEstimator::new(&params).estimate(&full.frame, &full.surface, &transfer).pixels
+        LightEstimator::new(&params).estimate(&full.frame, &full.surface, &transfer, None).pixels
     };
     assert_eq!(count(1, 1), 67 * 43);
     assert_eq!(count(1, 2), 34 * 22);

@@ -1,10 +1,13 @@
-//! Poses, views and spherical harmonics.
+//! Poses, views, spherical harmonics, and rays through boxes.
 
+pub mod bvh;
 pub mod color;
+mod fibonacci;
 pub mod random;
 pub mod sh;
 mod view;
 
+pub use fibonacci::fibonacci_sphere;
 pub use view::{Orthographic, Pinhole, Projection, View};
 
 /// Rigid transform in f64; named `a_from_b`, so that `a_from_b * b_from_c` reads itself.

@@ -25,7 +25,7 @@ pub use mesh_file::write_ply;
 pub use picture::{DEPTH_UNITS_PER_M, write_color_png, write_depth_png};
 pub use run_writer::{BufferPicture, OutputPlan, RunWriter};
 pub use timings::{
-    FrameTiming, Quantiles, TimingSummary, TimingsLog, stage_table, write_timings_json,
+    FrameTiming, Quantiles, TimingSummary, TimingsLog, csv_field, stage_table, write_timings_json,
 };
 pub use trajectory_file::TrajectoryWriter;
 pub use video::{Video, VideoStart};

@@ -64,10 +64,12 @@ pub struct RunWriter {
     buffers: Vec<(String, BufferPicture)>,
     warm_up: usize,
     timings: Vec<FrameTiming>,
+    setting: String,
 }
 
 impl RunWriter {
-    /// Makes the folder and the logs, and writes `settings.toml`. `buffers` are written for every
+    /// Makes the folder and the logs, and writes `settings.toml`, the settings called `setting`
+    /// that the run starts with. `buffers` are written for every
     /// frame into a folder of their name.
     pub fn create(
         folder: &Path,
@@ -75,6 +77,7 @@ impl RunWriter {
         pipeline: &Pipeline,
         buffers: Vec<(String, BufferPicture)>,
         warm_up: usize,
+        setting: &str,
     ) -> Result<Self, OutputError> {
         make_folder(folder)?;
         for name in
@@ -105,7 +108,14 @@ impl RunWriter {
             buffers,
             warm_up,
             timings: Vec::new(),
+            setting: setting.to_owned(),
         })
+    }
+
+    /// Names the settings of the frames to come.
+    pub fn set_setting(&mut self, name: &str) {
+        self.setting.clear();
+        self.setting.push_str(name);
     }
 
     pub fn frame(
@@ -131,7 +141,7 @@ impl RunWriter {
         if let (Some(trajectory), true) = (&mut self.trajectory, outcome.composed) {
             trajectory.push(outcome.timestamp_s, &outcome.tracking.world_from_camera)?;
         }
-        let timing = frame_timing(outcome);
+        let timing = frame_timing(outcome, &self.setting);
         if let Some(log) = &mut self.timings_log {
             log.push(&timing)?;
         }
@@ -202,7 +212,7 @@ fn light_record(outcome: &FrameOutcome, channels: LightChannels) -> LightRecord 
     }
 }
 
-fn frame_timing(outcome: &FrameOutcome) -> FrameTiming {
+fn frame_timing(outcome: &FrameOutcome, setting: &str) -> FrameTiming {
     FrameTiming {
         frame: outcome.index,
         timestamp_s: outcome.timestamp_s,
@@ -210,5 +220,6 @@ fn frame_timing(outcome: &FrameOutcome) -> FrameTiming {
         stages: outcome.times,
         position_m: outcome.tracking.world_from_camera.translation.vector.into(),
         state: outcome.tracking.state,
+        setting: setting.to_owned(),
     }
 }

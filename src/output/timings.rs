@@ -4,7 +4,8 @@
 use super::{LineWriter, OutputError, atomic_write};
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::TrackingState;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
@@ -20,9 +21,12 @@ pub struct FrameTiming {
     /// Camera centre in world axes.
     pub position_m: [f64; 3],
     pub state: TrackingState,
+    /// Name of the settings that the frame was made with.
+    pub setting: String,
 }
 
-/// One line a frame: `frame,timestamp,duration_ms,<stages>,x,y,z,state`, stages in milliseconds.
+/// One line a frame: `frame,timestamp,duration_ms,<stages>,x,y,z,state,setting`, stages in
+/// milliseconds.
 #[derive(Debug)]
 pub struct TimingsLog {
     lines: LineWriter,
@@ -32,25 +36,26 @@ impl TimingsLog {
     pub fn create(path: &Path) -> Result<Self, OutputError> {
         let mut lines = LineWriter::create(path)?;
         let stages = Stage::ALL.map(Stage::name).join(",");
-        lines.push(&format!("frame,timestamp,duration_ms,{stages},x,y,z,state"))?;
+        lines.push(&format!("frame,timestamp,duration_ms,{stages},x,y,z,state,setting"))?;
         Ok(Self { lines })
     }
 
     pub fn push(&mut self, timing: &FrameTiming) -> Result<(), OutputError> {
-        let FrameTiming { frame, timestamp_s, duration, stages, position_m: [x, y, z], state } =
-            timing;
+        let FrameTiming { frame, timestamp_s, duration, stages, state, setting, .. } = timing;
+        let [x, y, z] = timing.position_m;
         let stages = Stage::ALL.map(|s| format!("{:.4}", ms(stages.get(s)))).join(",");
         self.lines.push(&format!(
-            "{frame},{timestamp_s:.6},{:.4},{stages},{x:.6},{y:.6},{z:.6},{}",
+            "{frame},{timestamp_s:.6},{:.4},{stages},{x:.6},{y:.6},{z:.6},{},{}",
             ms(*duration),
-            state_name(*state)
+            state_name(*state),
+            csv_field(setting)
         ))
     }
 }
 
 /// Milliseconds. The median of an even count is the mean of the two in the middle; p95 and p99 are
 /// the smallest values that 95 and 99 percent of the frames do not exceed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Quantiles {
     pub median_ms: f64,
     pub p95_ms: f64,
@@ -59,7 +64,7 @@ pub struct Quantiles {
 }
 
 /// Times of a run without its first frames.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimingSummary {
     /// Frames measured, and those left out before them.
     pub frames: usize,
@@ -69,7 +74,7 @@ pub struct TimingSummary {
     /// Sum of the stages of a frame.
     pub update: Quantiles,
     pub duration: Quantiles,
-    #[serde(serialize_with = "by_name")]
+    #[serde(serialize_with = "by_name", deserialize_with = "from_names")]
     stages: [Quantiles; Stage::ALL.len()],
 }
 
@@ -178,6 +183,14 @@ fn ms(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
 }
 
+/// Quoted where commas, quotes or line ends would break the line (RFC 4180).
+pub fn csv_field(text: &str) -> std::borrow::Cow<'_, str> {
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")).into(),
+        false => text.into(),
+    }
+}
+
 fn state_name(state: TrackingState) -> &'static str {
     match state {
         TrackingState::Init => "init",
@@ -193,6 +206,19 @@ fn by_name<S: serde::Serializer>(
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
     serializer.collect_map(Stage::ALL.map(Stage::name).iter().zip(stages))
+}
+
+/// Stages that are not known are passed over; one that is missing is an error.
+fn from_names<'de, D: serde::Deserializer<'de>>(
+    deserializer: D,
+) -> Result<[Quantiles; Stage::ALL.len()], D::Error> {
+    let named = BTreeMap::<String, Quantiles>::deserialize(deserializer)?;
+    let mut stages = [Quantiles { median_ms: 0.0, p95_ms: 0.0, p99_ms: 0.0, max_ms: 0.0 }; _];
+    for (quantiles, stage) in stages.iter_mut().zip(Stage::ALL) {
+        let missing = || serde::de::Error::custom(format!("no stage '{}'", stage.name()));
+        *quantiles = *named.get(stage.name()).ok_or_else(missing)?;
+    }
+    Ok(stages)
 }
 
 #[cfg(test)]
@@ -216,6 +242,7 @@ mod tests {
                     stages,
                     position_m: [0.1, -0.2, 1.5],
                     state: TrackingState::Tracking,
+                    setting: "ours".to_owned(),
                 }
             })
             .collect()
@@ -234,14 +261,21 @@ mod tests {
         assert_eq!(
             lines[0],
             "frame,timestamp,duration_ms,Input,Reconstruct,Surface,DynGeo,RadTransfer,LightEst,\
-             Rendering,x,y,z,state"
+             Rendering,x,y,z,state,setting"
         );
         assert_eq!(
             lines[2],
             "1,0.500000,56.5000,2.0000,4.0000,6.0000,8.0000,10.0000,12.0000,14.0000,\
-             0.100000,-0.200000,1.500000,tracking"
+             0.100000,-0.200000,1.500000,tracking,ours"
         );
         assert_eq!(lines.len(), 3);
+    }
+
+    #[test]
+    fn fields_are_quoted_where_they_must() {
+        assert_eq!(csv_field("step 4"), "step 4");
+        assert_eq!(csv_field("step 4, \"32\""), "\"step 4, \"\"32\"\"\"");
+        assert_eq!(csv_field("a\nb"), "\"a\nb\"");
     }
 
     #[test]
@@ -286,6 +320,14 @@ mod tests {
         assert_eq!(value["frames"], 3);
         let at = Stage::ALL.map(|s| text.find(&format!("\"{}\"", s.name())).unwrap());
         assert!(at.is_sorted());
+        let back: TimingSummary = serde_json::from_str(&text).unwrap();
+        let summary = TimingSummary::new(&timings(4), 1).unwrap();
+        assert_eq!((back.frames, back.warmup_frames), (summary.frames, summary.warmup_frames));
+        assert!(Stage::ALL.into_iter().all(|s| close(back.stage(s), summary.stage(s))));
+        assert!(close(back.update, summary.update) && (back.fps - summary.fps).abs() < 1e-9);
+        let without = text.replace("\"DynGeo\"", "\"Dyn\"");
+        let error = serde_json::from_str::<TimingSummary>(&without).unwrap_err().to_string();
+        assert!(error.contains("DynGeo"), "{error}");
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod gltf;
 mod model;
 mod objects;
 mod raster;
+mod rays;
 mod texture;
 
 pub use anchor::{SurfaceAnchor, SurfacePoint, surface_at};
@@ -18,4 +19,5 @@ pub use file::{ObjectSpec, SceneFile};
 pub use model::{BoundingSphere, Material, Model, Part, PartData, Vertex};
 pub use objects::{Placement, Similarity, VirtualObject, VirtualScene};
 pub use raster::{DrawReport, Rasteriser};
+pub use rays::SceneRays;
 pub use texture::{Texture, Wrap};

@@ -15,6 +15,11 @@ impl SequenceStore {
         Self { folder: folder.into() }
     }
 
+    /// Whether the sequence `name` is there, made with these options.
+    pub fn has(&self, name: &str, options: &SynthOptions) -> bool {
+        made_with(&self.folder.join(name)).as_ref() == Some(options)
+    }
+
     /// The sequence `name`, made now where it is not there, or was made with other options.
     ///
     /// `progress(done, all)` counts frames while it is made.
@@ -25,7 +30,7 @@ impl SequenceStore {
         progress: &dyn Fn(usize, usize),
     ) -> Result<PathBuf, StudyError> {
         let path = self.folder.join(name);
-        if made_with(&path).as_ref() == Some(options) {
+        if self.has(name, options) {
             return Ok(path);
         }
         let partial = self.folder.join(format!("{name}.partial"));

@@ -1,7 +1,7 @@
 //! Triangle meshes with smooth normals and texture coordinates, and how lathe work is made.
 
-use super::bvh::{Aabb, Bvh, Ray};
 use super::sampler::sin_cos_turns;
+use crate::math::bvh::{Aabb, Bvh, Ray, hit_triangle};
 use glam::{Vec2, Vec3A};
 
 /// Corners, triangles counter-clockwise seen from outside.
@@ -132,6 +132,16 @@ impl Mesh {
         best
     }
 
+    /// Whether a ray meets any triangle before `t_max`.
+    pub fn is_hit(&self, ray: &Ray, t_max: f32) -> bool {
+        let mut found = false;
+        self.bvh.traverse(ray, t_max, |triangle, t_max| {
+            found = found || hit_triangle(ray, self.corners(triangle), t_max).is_some();
+            if found { -1.0 } else { t_max }
+        });
+        found
+    }
+
     pub fn face_normal(&self, triangle: u32) -> Vec3A {
         let [a, b, c] = self.corners(triangle);
         (b - a).cross(c - a).normalize_or_zero()
@@ -148,20 +158,6 @@ impl Mesh {
             self.data.uvs[a] * first + self.data.uvs[b] * weights.x + self.data.uvs[c] * weights.y;
         (normal.try_normalize().unwrap_or_else(|| self.face_normal(triangle)), uv)
     }
-}
-
-/// Moller and Trumbore 1997, both sides.
-fn hit_triangle(ray: &Ray, [a, b, c]: [Vec3A; 3], t_max: f32) -> Option<(f32, Vec2)> {
-    let (ab, ac) = (b - a, c - a);
-    let p = ray.direction.cross(ac);
-    let inverse = 1.0 / ab.dot(p);
-    let s = ray.origin - a;
-    let u = s.dot(p) * inverse;
-    let q = s.cross(ab);
-    let v = ray.direction.dot(q) * inverse;
-    let t = ac.dot(q) * inverse;
-    // All comparisons are false for the NaN of a ray inside the triangle's plane.
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < t_max).then(|| (t, Vec2::new(u, v)))
 }
 
 #[cfg(test)]

@@ -94,12 +94,12 @@ pub fn book_stack(at: Vec3) -> Vec<Object> {
     out
 }
 
-fn lathe(profile: &[Vec2], around: usize) -> Shape {
+pub fn lathe(profile: &[Vec2], around: usize) -> Shape {
     Shape::Mesh(Arc::new(Mesh::new(MeshData::lathe(profile, around))))
 }
 
 /// A smooth curve through points (Catmull-Rom), `steps` pieces between neighbours.
-fn curve(points: &[Vec2], steps: usize) -> Vec<Vec2> {
+pub fn curve(points: &[Vec2], steps: usize) -> Vec<Vec2> {
     let at = |i: isize| points[i.clamp(0, points.len() as isize - 1) as usize];
     let mut out = vec![points[0]];
     for i in 0..points.len() as isize - 1 {

@@ -1,11 +1,17 @@
 //! A scene as data: objects, lights, what moves, and how the camera is held.
 
-use super::bvh::Aabb;
 use super::light::{AreaLight, Environment};
-use super::material::Material;
+use super::material::{Albedo, Material};
+use super::mesh::{Mesh, MeshData};
 use super::shape::Shape;
+use super::tracer::World;
+use super::{ball, virtual_object};
+use crate::image::Image;
+use crate::math::bvh::Aabb;
+use crate::math::color::LINEAR_FROM_SRGB8;
 use crate::math::{Pose, pose_from_xyzw};
 use glam::{Affine3A, DMat3, DQuat, DVec3, Quat, Vec3, Vec3A};
+use std::sync::Arc;
 
 /// Everything that makes one sequence. World axes: z up, metres; the table top, where there is
 /// one, is z = 0.
@@ -29,12 +35,45 @@ pub struct Scene {
     pub virtual_kind: VirtualKind,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What stands in a scene virtually; all are Lambertian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum VirtualKind {
     /// The figure of [`super::virtual_object`].
     Figure,
-    /// A grey Lambertian ball of 7 cm radius.
-    Ball,
+    /// A ball of [`super::ball::RADIUS_M`] in one grey.
+    Diffuse,
+    /// The same ball, its left half saturated red, its right half saturated green.
+    Coloured,
+    /// The same ball, its left half nearly white, its right half nearly black.
+    BrightDark,
+}
+
+impl VirtualKind {
+    pub const ALL: [Self; 4] = [Self::Figure, Self::Diffuse, Self::Coloured, Self::BrightDark];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Figure => "figure",
+            Self::Diffuse => "diffuse",
+            Self::Coloured => "coloured",
+            Self::BrightDark => "bright-dark",
+        }
+    }
+
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Mesh in glTF axes (+y up, origin at the foot) and sRGB texture.
+    pub fn mesh(self) -> (MeshData, Image<[u8; 3]>) {
+        match self {
+            Self::Figure => virtual_object::figure(),
+            Self::Diffuse => ball::painted([[0.6; 3]; 2]),
+            Self::Coloured => ball::painted([[0.65, 0.03, 0.02], [0.04, 0.42, 0.06]]),
+            Self::BrightDark => ball::painted([[0.9; 3], [0.05; 3]]),
+        }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -186,6 +225,28 @@ impl Scene {
                 Some(Placed::new(object.shape.clone(), object.material.clone(), pose))
             })
             .collect()
+    }
+
+    /// Everything but the virtual object, at a time, ready for rays.
+    pub fn world_at(&self, time_s: f64) -> World {
+        self.world_of(self.placed(time_s))
+    }
+
+    /// These objects under the scene's light.
+    pub fn world_of(&self, objects: Vec<Placed>) -> World {
+        World::new(objects, self.area_lights(), self.environment.clone())
+    }
+
+    /// Where it stands, ready for rays.
+    pub fn virtual_object(&self) -> Placed {
+        let (mesh, texture) = self.virtual_kind.mesh();
+        let linear = texture.as_slice().iter().map(|c| c.map(|v| LINEAR_FROM_SRGB8[v as usize]));
+        let picture = Image::from_vec(texture.size(), linear.collect());
+        Placed::new(
+            Shape::Mesh(Arc::new(Mesh::new(mesh))),
+            Material::of(Albedo::Picture(Arc::new(picture))),
+            virtual_object::world_from_figure(self.virtual_at, 0.0),
+        )
     }
 
     pub fn area_lights(&self) -> Vec<AreaLight> {

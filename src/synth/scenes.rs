@@ -8,15 +8,31 @@ use super::props::{
 };
 use super::scene::{CameraPath, NamedLight, Object, Scene, VirtualKind, light_around};
 use super::shape::Shape;
+use super::still_life::{apple, bottle, drapery, goblet, gourd, pear, plate, ring};
 use glam::{DVec3, Vec3A, vec3};
 
-pub const NAMES: [&str; 4] = ["sphere", "demo", "desk", "room"];
+pub const NAMES: [&str; 6] = STUDY;
+
+/// The six scenes of studies, as Gruber et al. 2015 (Sec. 6.2) chose theirs: from a ball alone to
+/// rich geometry.
+///
+/// | | scene | shapes | albedo |
+/// | --- | --- | --- | --- |
+/// | 1 | `sphere` | ball and two blocks before a corner | one grey |
+/// | 2 | `blocks` | four boxes on a table: few directions of normals | strong colours, checker |
+/// | 3 | `desk` | flat things: screen, keyboard, paper; few round ones | dark and bright |
+/// | 4 | `demo` | books, vase, mug, bowl, ball, cone; a hand from 0.9 s on | wood, stripes, checker |
+/// | 5 | `still-life` | vessels, fruit, a draped cloth: normals everywhere | natural |
+/// | 6 | `room` | shelf, seat, plant, carpet: large and small together | textured |
+pub const STUDY: [&str; 6] = ["sphere", "blocks", "desk", "demo", "still-life", "room"];
 
 pub fn by_name(name: &str) -> Option<Scene> {
     match name {
         "sphere" => Some(sphere()),
-        "demo" => Some(demo()),
+        "blocks" => Some(blocks()),
         "desk" => Some(desk()),
+        "demo" => Some(demo()),
+        "still-life" => Some(still_life()),
         "room" => Some(room()),
         _ => None,
     }
@@ -53,16 +69,39 @@ fn table_scene(name: &'static str, note: &'static str, light_azimuth_deg: f32) -
 fn sphere() -> Scene {
     let grey = Material::diffuse(0.55, 0.55, 0.55);
     let mut scene = table_scene("sphere", "ball and two blocks on a plate before a corner", 190.0);
-    scene.virtual_kind = VirtualKind::Ball;
+    scene.virtual_kind = VirtualKind::Diffuse;
     scene.exposure = 0.9;
     scene.objects = vec![
         floor(0.0, 1.6, grey.clone()),
         wall_behind(0.7, 1.6, grey.clone()),
-        Object::new(Shape::block(0.02, 1.4, 1.0), grey.clone(), vec3(0.75, 0.0, 0.5)),
+        // Low enough that lamps on its side shine over it.
+        Object::new(Shape::block(0.02, 1.4, 0.4), grey.clone(), vec3(0.75, 0.0, 0.2)),
         Object::new(Shape::sphere(0.16), grey.clone(), vec3(-0.12, 0.18, 0.16)),
         Object::new(Shape::block(0.2, 0.14, 0.12), grey.clone(), vec3(0.28, 0.1, 0.06)).yawed(25.0),
         Object::new(Shape::block(0.08, 0.08, 0.26), grey, vec3(-0.42, 0.05, 0.13)).yawed(-15.0),
     ];
+    scene
+}
+
+/// Four boxes, little turned: hardly more than the six directions of their faces, and colours that
+/// are no grey world.
+fn blocks() -> Scene {
+    let mut scene = table_scene("blocks", "four boxes in strong colours on a table", 205.0);
+    scene.objects.push(floor(-0.74, 3.0, Material::diffuse(0.30, 0.30, 0.30)));
+    scene.objects.push(wall_behind(0.66, 3.0, Material::diffuse(0.50, 0.42, 0.20)));
+    scene.objects.extend(table(1.36, 0.92));
+    let checker =
+        Albedo::Checker { colors: [vec_a(0.70, 0.70, 0.68), vec_a(0.04, 0.04, 0.05)], cell: 0.05 };
+    let boxes = [
+        (0.22, 0.14, 0.20, -0.30, 0.16, 12.0, Material::diffuse(0.52, 0.05, 0.04)),
+        (0.16, 0.16, 0.10, 0.02, 0.24, -8.0, Material::diffuse(0.06, 0.34, 0.09)),
+        (0.12, 0.20, 0.28, 0.32, 0.18, 20.0, Material::diffuse(0.05, 0.11, 0.42)),
+        (0.15, 0.15, 0.15, 0.38, -0.14, 35.0, Material::of(checker)),
+    ];
+    for (width, depth, height, x, y, yaw, material) in boxes {
+        let block = Shape::block(width, depth, height);
+        scene.objects.push(Object::new(block, material, vec3(x, y, height * 0.5)).yawed(yaw));
+    }
     scene
 }
 
@@ -132,6 +171,28 @@ fn desk() -> Scene {
     let dark = Material::diffuse(0.06, 0.06, 0.065).coated(0.4);
     scene.objects.push(Object::new(mouse, dark, vec3(0.13, -0.05, 0.008)).yawed(8.0));
     scene.objects.push(vase(vec3(-0.42, 0.02, 0.0), 0.7));
+    scene
+}
+
+/// Vessels and fruit before a draped cloth: normals in every direction that a camera can see.
+fn still_life() -> Scene {
+    let mut scene =
+        table_scene("still-life", "vessels and fruit on a table before a draped cloth", 172.0);
+    scene.objects.push(floor(-0.74, 3.0, Material::diffuse(0.30, 0.27, 0.25)));
+    scene.objects.push(wall_behind(0.70, 3.0, Material::diffuse(0.46, 0.44, 0.42)));
+    scene.objects.extend(table(1.36, 0.92));
+    scene.objects.push(drapery(0.62, 1.5));
+    scene.objects.push(vase(vec3(-0.34, 0.16, 0.0), 1.0));
+    scene.objects.push(bottle(vec3(0.14, 0.20, 0.0)));
+    scene.objects.push(goblet(vec3(0.37, 0.02, 0.0)));
+    scene.objects.push(plate(vec3(-0.04, 0.09, 0.0)));
+    scene.objects.push(apple(vec3(-0.08, 0.07, 0.011), [0.48, 0.09, 0.06]));
+    scene.objects.push(apple(vec3(0.0, 0.12, 0.011), [0.28, 0.36, 0.09]));
+    scene.objects.push(pear(vec3(0.02, 0.035, 0.013), 0.12));
+    scene.objects.push(bowl(vec3(0.33, 0.22, 0.0)));
+    scene.objects.push(gourd(vec3(-0.44, -0.10, 0.0), 20.0));
+    scene.objects.push(ring(vec3(0.34, -0.18, 0.0), 0.062, 0.018));
+    scene.objects.extend(mug(vec3(-0.20, 0.02, 0.0), 220.0, [0.44, 0.40, 0.34]));
     scene
 }
 

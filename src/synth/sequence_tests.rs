@@ -1,8 +1,10 @@
 //! Built-in scenes, and whole sequences against their own files.
 
 use super::tracer::World;
-use super::{SynthOptions, generate, scenes};
+use super::{LightSwitch, OPTIONS_FILE, SynthOptions, VirtualKind, generate, scenes};
+use crate::eval::light::LightTruth;
 use crate::math::{Pinhole, Pose, pose_from_xyzw};
+use crate::scene::VirtualScene;
 use glam::Vec3A;
 use std::collections::BTreeMap;
 use std::fs;
@@ -123,6 +125,10 @@ fn wrong_options_are_refused_with_a_reason() {
     fails(SynthOptions { frames: 0, ..options("demo") }, "frames");
     fails(SynthOptions { width: 0, ..options("demo") }, "0x72");
     fails(SynthOptions { light: Some(4), ..options("demo") }, "light 4");
+    let switch = |frame, light| Some(LightSwitch { frame, light });
+    fails(SynthOptions { switch: switch(1, 4), ..options("demo") }, "light 4");
+    fails(SynthOptions { switch: switch(0, 1), ..options("demo") }, "frame 0 of 3");
+    fails(SynthOptions { switch: switch(3, 1), ..options("demo") }, "frame 3 of 3");
     fails(SynthOptions { environment: Some("none.hdr".into()), ..options("demo") }, "none.hdr");
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0, "nothing was written");
 }
@@ -246,4 +252,70 @@ fn an_environment_from_a_file_lights_the_scene() {
     let expected = 0.9 * 0.282_095 * (luminance * cap + 0.1 * rest);
     assert!((ambient[0] / expected - 1.0).abs() < 0.01, "{} {expected}", ambient[0]);
     assert!(ambient[2] > 0.0 && ambient[1].abs() < 1e-6 && ambient[3].abs() < 1e-6);
+}
+
+#[test]
+fn a_switched_light_is_two_segments_and_brightens_the_other_side() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let switch = Some(LightSwitch { frame: 2, light: 3 });
+    let options = SynthOptions {
+        frames: 4,
+        samples: 4,
+        light: Some(0),
+        switch,
+        still: true,
+        with_virtual: false,
+        ..options("sphere")
+    };
+    generate(&options, folder.path(), &|_, _| {}).expect("a free folder");
+    let truth = LightTruth::read(&folder.path().join("light.json")).expect("light.json");
+    let x = |frame| truth.at_frame(frame).expect("a segment").dominant_direction[0];
+    assert!(x(0) < -0.5 && x(1) < -0.5 && x(2) > 0.5 && x(3) > 0.5);
+    assert!(truth.at_frame(4).is_none());
+    // The ball's left half against its right half.
+    let contrast = |frame: usize| {
+        let name = format!("rgb/{:.6}.png", 1000.0 + frame as f64 / 30.0);
+        let picture = image::open(folder.path().join(name)).expect("a picture").into_luma8();
+        let sum = |from: u32, to: u32| -> i64 {
+            let pixels = (20..32).flat_map(|y| (from..to).map(move |x| (x, y)));
+            pixels.map(|(x, y)| i64::from(picture.get_pixel(x, y).0[0])).sum()
+        };
+        sum(30, 37) - sum(42, 49)
+    };
+    assert!(contrast(0) > 0 && contrast(1) > 0, "{} {}", contrast(0), contrast(1));
+    assert!(contrast(2) < 0 && contrast(3) < 0, "{} {}", contrast(2), contrast(3));
+}
+
+#[test]
+fn a_still_camera_repeats_poses_and_depth_and_not_colour() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let options =
+        SynthOptions { still: true, color_noise: true, with_virtual: false, ..options("blocks") };
+    generate(&options, folder.path(), &|_, _| {}).expect("a free folder");
+    let files = contents(folder.path());
+    let file = |kind: &str, time: &str| &files[&format!("{kind}/{time}.png")];
+    let (first, second) = ("1000.000000", "1000.033333");
+    assert_eq!(file("depth", first), file("depth", second));
+    assert_ne!(file("depth_kinect", first), file("depth_kinect", second));
+    assert_ne!(file("rgb", first), file("rgb", second));
+    let (_, frames) = read_frames(folder.path());
+    assert!(frames.iter().all(|(pose, _)| *pose == frames[0].0));
+}
+
+#[test]
+fn every_virtual_object_can_be_loaded_from_its_sequence() {
+    for object in VirtualKind::ALL {
+        assert_eq!(VirtualKind::by_name(object.name()), Some(object));
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let options = SynthOptions { object: Some(object), frames: 1, ..options("blocks") };
+        generate(&options, folder.path(), &|_, _| {}).expect("a free folder");
+        VirtualScene::load(&folder.path().join("scene.toml")).expect("a scene");
+        let text = fs::read(folder.path().join(OPTIONS_FILE)).expect("the options");
+        let read: SynthOptions = serde_json::from_slice(&text).expect("options");
+        assert_eq!(read, options);
+        let mask = folder.path().join("composite/1000.000000.mask.png");
+        let mask = image::open(mask).expect("a mask").into_luma8();
+        let seen = mask.pixels().filter(|p| p.0[0] > 0).count();
+        assert!((30..3000).contains(&seen), "{}: {seen} pixels", object.name());
+    }
 }

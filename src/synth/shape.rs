@@ -1,7 +1,7 @@
 //! Shapes in their own axes, met by rays with exact formulas.
 
-use super::bvh::{Aabb, Ray};
 use super::mesh::Mesh;
+use crate::math::bvh::{Aabb, Ray};
 use glam::{Vec2, Vec3A};
 use std::sync::Arc;
 

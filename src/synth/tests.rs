@@ -1,6 +1,5 @@
 //! The renderer against closed forms.
 
-use super::bvh::Ray;
 use super::light::{AreaLight, Environment, area_light_sh};
 use super::material::Material;
 use super::sampler::Sampler;
@@ -8,6 +7,7 @@ use super::scene::{Placed, Scene};
 use super::scenes;
 use super::shape::Shape;
 use super::tracer::{Shot, World, render_centres, render_radiance};
+use crate::math::bvh::Ray;
 use crate::math::{Pinhole, Pose, View, sh};
 use crate::scene::analytic::{self, AnalyticScene};
 use glam::{Affine3A, DVec3, Quat, Vec3, Vec3A};

@@ -1,13 +1,13 @@
 //! The path tracer: next-event estimation and sampled directions, joined by multiple importance
 //! sampling with the power heuristic (Veach 1997).
 
-use super::bvh::{Bvh, Ray};
 use super::light::{AreaLight, Environment, LightSample};
 use super::material::Bsdf;
 use super::sampler::Sampler;
 use super::scene::Placed;
 use super::shape::{Shape, ShapeHit};
 use crate::image::Image;
+use crate::math::bvh::{Bvh, Ray};
 use crate::math::{Pinhole, Pose, affine_from_pose};
 use glam::{Affine3A, Vec2, Vec3, Vec3A};
 
@@ -29,6 +29,17 @@ struct Surface {
     normal: Vec3A,
     bsdf: Bsdf,
     emission: Vec3A,
+}
+
+/// What a ray meets first.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// In units of the ray's direction.
+    pub t: f32,
+    /// Index into the world's objects.
+    pub object: usize,
+    /// Unit, towards where the ray came from.
+    pub normal: Vec3A,
 }
 
 /// Rays start this far off the surface they leave: 20 times the f32 step at 4 m.
@@ -71,6 +82,12 @@ impl World {
             t_max
         });
         blocked
+    }
+
+    /// The nearest surface along a ray, with its shading normal.
+    pub fn seen(&self, ray: &Ray) -> Option<Seen> {
+        let (object, hit) = self.hit(ray)?;
+        Some(Seen { t: hit.t, object, normal: self.surface(ray, (object, hit)).normal })
     }
 
     fn surface(&self, ray: &Ray, (index, hit): (usize, ShapeHit)) -> Surface {

@@ -1,16 +1,17 @@
 //! The true light of a sequence (`light.json`) and where its virtual object is (`virtual.json`,
 //! `scene.toml`).
 
-use super::bvh::Ray;
 use super::light::{AreaLight, Environment, Sh, add_direction, area_light_sh};
 use super::sampler::Sampler;
-use super::scene::{Scene, VirtualKind};
+use super::scene::{NamedLight, Scene};
 use super::tracer::World;
+use crate::math::bvh::Ray;
 use crate::math::color::luminance;
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
+use std::ops::RangeInclusive;
 
 const CONVENTION: &str = "real orthonormal, 4 bands, l major, m=-l..l, no Condon-Shortley phase: \
     l=1 is (+y,+z,+x)*0.4886; world axes; scaled by exposure: linear pixel value of a Lambertian \
@@ -85,33 +86,44 @@ fn direction_of_band_1(sh: &[f64]) -> Option<[f64; 3]> {
     DVec3::new(sh[3], sh[1], sh[2]).try_normalize().map(|d| d.to_array())
 }
 
-/// `light.json`. The light does not change, so there is one segment.
-pub fn light_json(scene: &Scene, world: &World, frames: usize, bounces: u32) -> Value {
+/// Frames with one light.
+#[derive(Clone, Debug)]
+pub struct Segment {
+    pub frames: RangeInclusive<usize>,
+    pub scene: Scene,
+}
+
+/// `light.json`; `segments` differ in their lamps alone. What moves is where it is at the start.
+pub fn light_json(segments: &[Segment], bounces: u32) -> Value {
+    let Scene { name, note, centre, probe, exposure, environment, .. } = &segments[0].scene;
+    let environment = match environment {
+        Environment::Uniform(_) => "uniform",
+        Environment::LatLong(_) => "lat-long",
+    };
+    let segments: Vec<Value> = segments.iter().map(|s| segment_json(s, bounces)).collect();
+    json!({
+        "sequence": name,
+        "scene": name,
+        "note": note,
+        "world": "right-handed, metres, z up; directions point towards the light",
+        "center": centre.to_array(),
+        "probe_point": probe.to_array(),
+        "exposure": exposure,
+        "environment": environment,
+        "sh_convention": CONVENTION,
+        "segments": segments,
+    })
+}
+
+fn segment_json(segment: &Segment, bounces: u32) -> Value {
+    let scene = &segment.scene;
     let (area, ambient) = source_sh(scene);
     let mut sources = area;
     add(&mut sources, &ambient, 1.0);
-    let probe = probe_sh(scene, world, bounces);
+    let probe = probe_sh(scene, &scene.world_at(0.0), bounces);
     let exposure = f64::from(scene.exposure);
     let [sh, sh_area, sh_ambient, sh_probe] =
         [&sources, &area, &ambient, &probe].map(|sh| luminances(sh, exposure));
-    let lights: serde_json::Map<String, Value> = scene
-        .lights
-        .iter()
-        .map(|named| {
-            let position = named.light.centre().as_dvec3();
-            let direction = (position - scene.centre).normalize_or_zero();
-            let [half_u, half_v] = named.light.half_sides();
-            let entry = json!({
-                "position": position.to_array(),
-                "radiance": named.light.radiance().to_array(),
-                "half_u": half_u.to_array(),
-                "half_v": half_v.to_array(),
-                "factor": 1.0,
-                "direction_from_center": direction.to_array(),
-            });
-            (named.name.clone(), entry)
-        })
-        .collect();
     // One lamp: the direction of its centre, as for the mitsuba sequences; several: that of all.
     let dominant = match scene.lights.as_slice() {
         [one] => {
@@ -121,36 +133,39 @@ pub fn light_json(scene: &Scene, world: &World, frames: usize, bounces: u32) -> 
         [] => direction_of_band_1(&sh),
         _ => direction_of_band_1(&sh_area),
     };
-    let environment = match scene.environment {
-        Environment::Uniform(_) => "uniform",
-        Environment::LatLong(_) => "lat-long",
-    };
     json!({
-        "sequence": scene.name,
-        "scene": scene.name,
-        "note": scene.note,
-        "world": "right-handed, metres, z up; directions point towards the light",
-        "center": scene.centre.to_array(),
-        "probe_point": scene.probe.to_array(),
-        "exposure": scene.exposure,
-        "environment": environment,
-        "sh_convention": CONVENTION,
-        "segments": [{
-            "first_frame": 0,
-            "last_frame": frames.saturating_sub(1),
-            "lights": lights,
-            "dominant_direction": dominant,
-            "strongest_light": strongest(scene),
-            "sh": sh,
-            "sh_ambient": sh_ambient,
-            "sh_area": sh_area,
-            "sh_probe": sh_probe,
-            "sh_rgb": scaled(&sources, exposure),
-            "sh_probe_rgb": scaled(&probe, exposure),
-            "dominant_direction_sh": direction_of_band_1(&sh),
-            "dominant_direction_probe": direction_of_band_1(&sh_probe),
-        }],
+        "first_frame": segment.frames.start(),
+        "last_frame": segment.frames.end(),
+        "lights": lights_json(scene),
+        "dominant_direction": dominant,
+        "strongest_light": strongest(scene),
+        "sh": sh,
+        "sh_ambient": sh_ambient,
+        "sh_area": sh_area,
+        "sh_probe": sh_probe,
+        "sh_rgb": scaled(&sources, exposure),
+        "sh_probe_rgb": scaled(&probe, exposure),
+        "dominant_direction_sh": direction_of_band_1(&sh),
+        "dominant_direction_probe": direction_of_band_1(&sh_probe),
     })
+}
+
+fn lights_json(scene: &Scene) -> serde_json::Map<String, Value> {
+    let entry = |named: &NamedLight| {
+        let position = named.light.centre().as_dvec3();
+        let direction = (position - scene.centre).normalize_or_zero();
+        let [half_u, half_v] = named.light.half_sides();
+        let entry = json!({
+            "position": position.to_array(),
+            "radiance": named.light.radiance().to_array(),
+            "half_u": half_u.to_array(),
+            "half_v": half_v.to_array(),
+            "factor": 1.0,
+            "direction_from_center": direction.to_array(),
+        });
+        (named.name.clone(), entry)
+    };
+    scene.lights.iter().map(entry).collect()
 }
 
 /// The lamp that gives most light at the centre.
@@ -166,30 +181,18 @@ fn strongest(scene: &Scene) -> Option<&str> {
         .map(|named| named.name.as_str())
 }
 
-pub const FIGURE_FILE: &str = "object.glb";
-pub const BALL_RADIUS_M: f32 = 0.07;
-pub const BALL_ALBEDO: f32 = 0.6;
+pub const OBJECT_FILE: &str = "object.glb";
 
 /// `virtual.json`: the object, and the frames that have a picture with it.
 pub fn virtual_json(scene: &Scene, composites: &[(usize, f64)]) -> Value {
-    let at = scene.virtual_at;
-    let mut out = match scene.virtual_kind {
-        VirtualKind::Ball => json!({
-            "kind": "sphere",
-            "name": "ball",
-            "center": [at.x, at.y, at.z + BALL_RADIUS_M],
-            "radius": BALL_RADIUS_M,
-            "albedo": [BALL_ALBEDO, BALL_ALBEDO, BALL_ALBEDO],
-        }),
-        VirtualKind::Figure => json!({
-            "kind": "mesh",
-            "name": "figure",
-            "file": FIGURE_FILE,
-            "at": at.to_array(),
-            "yaw_deg": 0.0,
-            "scale": 1.0,
-        }),
-    };
+    let mut out = json!({
+        "kind": "mesh",
+        "name": scene.virtual_kind.name(),
+        "file": OBJECT_FILE,
+        "at": scene.virtual_at.to_array(),
+        "yaw_deg": 0.0,
+        "scale": 1.0,
+    });
     out["frames"] = composites.iter().map(|&(frame, _)| json!(frame)).collect();
     out["timestamps"] = composites.iter().map(|&(_, t)| json!(format!("{t:.6}"))).collect();
     out["note"] = json!(
@@ -205,7 +208,7 @@ pub fn scene_toml(scene: &Scene) -> String {
     let at = scene.virtual_at;
     format!(
         "# World axes of the sequence's poses, z up, metres; the object's +y stands along world +z.\n\
-         [[object]]\nfile = \"{FIGURE_FILE}\"\nat = [{:?}, {:?}, {:?}]\nyaw_deg = 0.0\nscale = 1.0\n",
+         [[object]]\nfile = \"{OBJECT_FILE}\"\nat = [{:?}, {:?}, {:?}]\nyaw_deg = 0.0\nscale = 1.0\n",
         at.x, at.y, at.z
     )
 }

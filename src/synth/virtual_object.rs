@@ -137,7 +137,7 @@ fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::bvh::Aabb;
+    use crate::math::bvh::Aabb;
 
     #[test]
     fn stands_on_its_origin_and_is_18_cm_high() {

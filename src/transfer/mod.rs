@@ -1,5 +1,5 @@
 //! Radiance transfer in image space: SSDO visibility projected into spherical harmonics
-//! (Gruber et al. 2015, Sec. 5.1 and 5.3).
+//! (Gruber et al. 2015, Sec. 5.1 and 5.3); and, to compare with, by rays ([`RayTracedTransfer`]).
 //!
 //! For a surface point x with normal n, each direction w_j with n.w_j > 0 has a sample y_j = x + r_j w_j.
 //! It is looked up in every geometry buffer; where it lies behind the surface s_j seen there, w_j
@@ -31,12 +31,14 @@ mod occluder;
 mod pyramid;
 mod radiance_transfer;
 pub mod reference;
+mod stage;
 #[cfg(test)]
 mod test_support;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod time_tests;
+mod traced;
 #[cfg(test)]
 mod truth_tests;
 #[cfg(test)]
@@ -44,6 +46,19 @@ mod virtual_tests;
 
 pub use directions::DirectionSet;
 pub use radiance_transfer::{Buffers, RadianceTransfer};
+pub use stage::{MergedScene, RealScene, TransferStage};
+pub use traced::RayTracedTransfer;
+
+/// How visibility is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TransferMethod {
+    /// Samples looked up in geometry buffers: [`RadianceTransfer`].
+    #[default]
+    ImageSpace,
+    /// Rays through the volume: [`RayTracedTransfer`]. It has no bounce.
+    RayTraced,
+}
 
 /// How far a surface may lie from a sample's direction and still hide it, as the chi of Eq. 8. alpha is
 /// the median angle between neighbouring directions.
@@ -77,6 +92,7 @@ pub enum ChiReading {
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TransferParams {
+    pub method: TransferMethod,
     /// Spherical-harmonic bands, 1 to 6.
     pub bands: usize,
     /// Directions over the whole sphere, 4 to 1024.
@@ -95,11 +111,22 @@ pub struct TransferParams {
     /// Distances are jittered over tiles of n x n grid points.
     pub jitter_tile: usize,
     pub seed: u32,
+    /// Ray-traced: surfaces further away hide nothing. The paper gives no length; by default rays
+    /// look as far as image-space samples.
+    pub ray_length_m: f32,
+    /// Ray-traced and subsampled: gives every pixel its transfer, interpolated between the grid's
+    /// points, or traced where depth or normals have an edge.
+    pub refine: bool,
+    /// An edge lies between points further than this from each other's tangent plane,
+    pub refine_depth_m: f32,
+    /// or with normals further apart than this, below 90.
+    pub refine_angle_deg: f32,
 }
 
 impl Default for TransferParams {
     fn default() -> Self {
         Self {
+            method: TransferMethod::default(),
             bands: 4,
             directions: 32,
             samples: 3,
@@ -110,6 +137,10 @@ impl Default for TransferParams {
             bias_m: 0.01,
             jitter_tile: 2,
             seed: 1,
+            ray_length_m: 0.8,
+            refine: false,
+            refine_depth_m: 0.02,
+            refine_angle_deg: 15.0,
         }
     }
 }
@@ -168,7 +199,35 @@ impl TransferParams {
             "transfer.jitter_tile",
             &self.jitter_tile,
             "1 to 16",
+        )?;
+        allowed(
+            positive(self.ray_length_m),
+            "transfer.ray_length_m",
+            &self.ray_length_m,
+            "positive",
+        )?;
+        allowed(
+            positive(self.refine_depth_m),
+            "transfer.refine_depth_m",
+            &self.refine_depth_m,
+            "positive",
+        )?;
+        allowed(
+            self.refine_angle_deg > 0.0 && self.refine_angle_deg < 90.0,
+            "transfer.refine_angle_deg",
+            &self.refine_angle_deg,
+            "above 0, below 90",
         )
+    }
+
+    /// Whether pixels between the grid's points get transfer too.
+    fn refines(&self) -> bool {
+        self.refine && self.subsampling > 1
+    }
+
+    /// The grid that ray-traced transfer is given on.
+    fn results(&self, image: Size) -> Grid {
+        Grid::new(image, if self.refines() { 1 } else { self.subsampling })
     }
 }
 
@@ -192,6 +251,13 @@ impl BounceParams {
     pub fn check(&self) -> Result<(), TransferError> {
         let ok = self.strength >= 0.0 && self.strength.is_finite();
         allowed(ok, "bounce.strength", &self.strength, "0 or more")
+    }
+
+    /// The first parameter that is out of range or does not go with the transfer.
+    pub fn check_with(&self, transfer: &TransferParams) -> Result<(), TransferError> {
+        self.check()?;
+        let ok = !self.enabled || transfer.method == TransferMethod::ImageSpace;
+        allowed(ok, "bounce.enabled", &self.enabled, "false with transfer.method = ray-traced")
     }
 }
 

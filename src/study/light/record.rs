@@ -11,7 +11,7 @@ pub struct LightStudy {
     pub command: String,
     /// In order of growing richness.
     pub scenes: Vec<String>,
-    /// Names of presets, and "reference-sphere" (the paper's light probe).
+    /// Names of presets, and [`super::REFERENCE`] and [`super::REFERENCE_ALONE`] (light probes).
     pub methods: Vec<String>,
     pub frames_per_run: usize,
     /// Frames at the start of each run that are not counted.
@@ -29,7 +29,7 @@ pub struct LightRun {
     pub scene: String,
     /// Light on the half circle.
     pub light: usize,
-    /// Whether depth came through the sensor model.
+    /// Whether depth came through the sensor model. Light probes need no depth: never for those.
     pub sensor_noise: bool,
     pub method: String,
     /// Unit vector towards the lamp, world axes.

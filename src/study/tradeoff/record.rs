@@ -10,6 +10,9 @@ pub struct Tradeoff {
     /// The command line that made it.
     pub command: String,
     pub sequences: Vec<String>,
+    /// Frames at the start of each run that were not counted.
+    #[serde(default)]
+    pub warm_up: usize,
     pub points: Vec<TradePoint>,
 }
 
@@ -32,6 +35,7 @@ pub struct TradePoint {
     /// Relative RMSE of the composed change of light (see [`crate::study::composite::CompositeFrame`]).
     pub composite_error: Option<f64>,
     pub volume_mib: f64,
-    /// Nothing measured is both faster and more accurate.
+    /// Nothing measured is as good in time and error and better in one; by the error of
+    /// [`ErrorKind`](super::ErrorKind) that the front was marked for.
     pub on_front: bool,
 }

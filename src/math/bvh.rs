@@ -1,7 +1,7 @@
 //! Bounding volume hierarchy over boxes: the same one holds the objects of a scene and the
 //! triangles of a mesh.
 
-use glam::Vec3A;
+use glam::{Vec2, Vec3A};
 
 /// Half line. Distances along it are in units of `direction`'s length.
 #[derive(Clone, Copy, Debug)]
@@ -180,6 +180,21 @@ impl Bvh {
             }
         }
     }
+}
+
+/// Where a ray meets a triangle before `t_max`, and the weights of its second and third corner there
+/// (Moller and Trumbore 1997, both sides).
+pub fn hit_triangle(ray: &Ray, [a, b, c]: [Vec3A; 3], t_max: f32) -> Option<(f32, Vec2)> {
+    let (ab, ac) = (b - a, c - a);
+    let p = ray.direction.cross(ac);
+    let inverse = 1.0 / ab.dot(p);
+    let s = ray.origin - a;
+    let u = s.dot(p) * inverse;
+    let q = s.cross(ab);
+    let v = ray.direction.dot(q) * inverse;
+    let t = ac.dot(q) * inverse;
+    // All comparisons are false for the NaN of a ray inside the triangle's plane.
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < t_max).then(|| (t, Vec2::new(u, v)))
 }
 
 /// Axis and coordinate of the cheapest of the binned surface-area splits (Wald 2007); `None` where

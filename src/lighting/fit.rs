@@ -1,0 +1,306 @@
+//! The light that explains a bank of samples: lamp, albedo of each class, and what least squares adds.
+
+use super::albedo::Albedos;
+use super::bank::{Bank, Batch, LANES};
+use super::field::LightField;
+use super::lamp::{Design, LampField};
+use super::normal_equations::{NormalEquations, padded};
+use super::solve::{Penalty, Solution, solve};
+use super::{LightChannels, LightParams, LightPrior, ShLight};
+use crate::math::color::luminance;
+
+/// Rounds of lamp, albedo and robust weights: for a first fit, and from one frame to the next.
+const FIRST_ROUNDS: usize = 5;
+const ROUNDS: usize = 2;
+
+/// The median residual is taken over every n-th packet.
+const MEDIAN_STRIDE: usize = 2;
+
+/// How well a batch is explained.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Residual {
+    pub squares: f64,
+    pub energy: f64,
+    pub weight: f64,
+}
+
+impl Residual {
+    /// Root mean square relative to that of the picture.
+    pub fn relative(&self) -> f64 {
+        if self.energy > 0.0 { (self.squares / self.energy).max(0.0).sqrt() } else { 0.0 }
+    }
+}
+
+/// I = albedo (lamp and ambient light + T.rest).
+#[derive(Clone, Debug, Default)]
+pub struct Fit {
+    field: Option<LampField>,
+    albedos: Albedos,
+    /// Of the last solution: the light that the lamp leaves over, in luminance.
+    rest: Vec<f32>,
+    scratch: Scratch,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Scratch {
+    gram: Vec<[f32; LANES]>,
+    seen: Vec<[f32; LANES]>,
+    predicted: Vec<[f32; LANES]>,
+    channels: Vec<Vec<[f32; LANES]>>,
+    median: Vec<f32>,
+    rows: Vec<f32>,
+    targets: Vec<Vec<f32>>,
+    weights: Vec<f32>,
+    equations: NormalEquations,
+}
+
+impl Fit {
+    pub fn forget(&mut self) {
+        self.field = None;
+        self.albedos = Albedos::default();
+        self.rest.clear();
+    }
+
+    /// Explains the bank; leaves its robust weights up to date.
+    pub fn explain(&mut self, bank: &mut Bank, params: &LightParams) -> Solution {
+        let rounds = if self.rest.is_empty() { FIRST_ROUNDS } else { ROUNDS };
+        bank.weigh(params.balance_normals);
+        for _ in 0..rounds {
+            self.find_lamp(bank, params);
+            let robust = params.huber > 0.0;
+            if self.field.is_none() {
+                // Without a lamp the residual is that of the light itself.
+                if !robust {
+                    break;
+                }
+                self.find_rest(bank, params);
+            } else if params.albedo_classes {
+                self.predict(bank);
+                self.albedos.fit(bank, &self.scratch.predicted);
+            }
+            if robust {
+                self.weigh_residuals(bank, params);
+            }
+        }
+        self.find_rest(bank, params)
+    }
+
+    pub fn light_field(&self, solution: &Solution, bands: usize) -> LightField {
+        let channels = &solution.light;
+        let coefficients = (0..channels[0].len())
+            .map(|i| match &channels[..] {
+                [r, g, b] => [r[i] as f32, g[i] as f32, b[i] as f32],
+                _ => [channels[0][i] as f32; 3],
+            })
+            .collect();
+        LightField { lamp: self.field.clone(), rest: ShLight { bands, coefficients } }
+    }
+
+    pub fn equations(&self) -> &NormalEquations {
+        &self.scratch.equations
+    }
+
+    /// How well a batch is explained, with its robust weights or all alike.
+    pub fn residual(&self, batch: &Batch, n: usize, robust: bool) -> Residual {
+        let mut total = Residual::default();
+        self.shade(batch, n, |k, shade| {
+            let packet = &batch.packets[k];
+            for i in 0..LANES {
+                let w =
+                    if robust { packet.robust[i] * packet.present[i] } else { packet.present[i] };
+                let error = packet.luminance[i] - shade[i];
+                total.squares += f64::from(w * error * error);
+                total.energy += f64::from(w * packet.luminance[i] * packet.luminance[i]);
+                total.weight += f64::from(w);
+            }
+        });
+        total
+    }
+
+    fn find_lamp(&mut self, bank: &Bank, params: &LightParams) {
+        let near = match params.prior {
+            LightPrior::Dark => return,
+            LightPrior::DistantLamp => false,
+            LightPrior::NearLamp => true,
+        };
+        let Scratch { gram, seen, channels, .. } = &mut self.scratch;
+        gram.clear();
+        seen.clear();
+        let planes = match params.channels {
+            LightChannels::Intensity => 1,
+            LightChannels::Rgb => 3,
+        };
+        channels.resize(planes, Vec::new());
+        channels.iter_mut().for_each(Vec::clear);
+        for packet in bank.batches().flat_map(|b| &b.packets) {
+            let a = self.albedos.of(&packet.class);
+            let w = &packet.weight;
+            gram.push(std::array::from_fn(|i| w[i] * a[i] * a[i]));
+            seen.push(std::array::from_fn(|i| w[i] * a[i] * packet.luminance[i]));
+            if let [r, g, b] = &mut channels[..] {
+                for (plane, seen) in [r, g, b].into_iter().zip(&packet.rgb) {
+                    plane.push(std::array::from_fn(|i| w[i] * a[i] * seen[i]));
+                }
+            }
+        }
+        let design = Design { bank, gram, seen };
+        let last = self.field.as_ref().map(|field| field.lamp);
+        self.field = LampField::search(&design, near, last.as_ref());
+        if let Some(field) = &mut self.field {
+            match &channels[..] {
+                [_] => field.measure(&design, std::slice::from_ref(seen)),
+                planes => field.measure(&design, planes),
+            }
+        }
+    }
+
+    /// Luminance of unit albedo under the lamp, for all packets of the bank.
+    fn predict(&mut self, bank: &Bank) {
+        let (field, out) = (self.field.as_ref(), &mut self.scratch.predicted);
+        out.clear();
+        for batch in bank.batches() {
+            let first = out.len();
+            out.resize(first + batch.packets.len(), [0.0; LANES]);
+            if let Some(field) = field {
+                let weights = channel_weights(field.channels.len());
+                field.shade(bank.coefficients(), batch, |c, k, shade| {
+                    for i in 0..LANES {
+                        out[first + k][i] += weights[c] * shade[i];
+                    }
+                });
+            }
+        }
+    }
+
+    /// Least squares on what the lamp leaves over.
+    fn find_rest(&mut self, bank: &Bank, params: &LightParams) -> Solution {
+        let n = bank.coefficients();
+        let channels = match params.channels {
+            LightChannels::Intensity => 1,
+            LightChannels::Rgb => 3,
+        };
+        self.scratch.equations.reset(n, channels);
+        for batch in bank.batches() {
+            self.add_equations(batch, n, channels);
+        }
+        let equations = &self.scratch.equations;
+        let solution = solve(equations, &Penalty::new(equations, params));
+        let weights = channel_weights(channels);
+        self.rest = (0..n)
+            .map(|i| solution.light.iter().zip(weights).map(|(l, w)| l[i] as f32 * w).sum())
+            .collect();
+        solution
+    }
+
+    fn add_equations(&mut self, batch: &Batch, n: usize, channels: usize) {
+        let width = padded(n);
+        let Scratch { rows, targets, weights, equations, .. } = &mut self.scratch;
+        rows.clear();
+        rows.resize(batch.packets.len() * LANES * width, 0.0);
+        weights.clear();
+        targets.resize(channels, Vec::new());
+        targets.iter_mut().for_each(Vec::clear);
+        for (k, packet) in batch.packets.iter().enumerate() {
+            let albedo = self.albedos.of(&packet.class);
+            for i in 0..LANES {
+                let row = &mut rows[(k * LANES + i) * width..][..n];
+                for (c, t) in row.iter_mut().enumerate() {
+                    *t = albedo[i] * batch.transfer[k * n + c][i];
+                }
+            }
+            weights.extend(packet.weight);
+            match &mut targets[..] {
+                [white] => white.extend(packet.luminance),
+                planes => planes.iter_mut().zip(packet.rgb).for_each(|(p, seen)| p.extend(seen)),
+            }
+        }
+        if let Some(field) = &self.field {
+            field.shade(n, batch, |c, k, shade| {
+                let albedo = self.albedos.of(&batch.packets[k].class);
+                let plane = &mut targets[c][k * LANES..(k + 1) * LANES];
+                for i in 0..LANES {
+                    plane[i] -= albedo[i] * shade[i];
+                }
+            });
+        }
+        equations.add_rows(rows, targets, weights);
+    }
+
+    /// Calls `out(packet, luminance that the model shows)`.
+    fn shade(&self, batch: &Batch, n: usize, mut out: impl FnMut(usize, [f32; LANES])) {
+        let mut lamp = vec![[0.0f32; LANES]; batch.packets.len()];
+        if let Some(field) = &self.field {
+            let weights = channel_weights(field.channels.len());
+            field.shade(n, batch, |c, k, shade| {
+                for i in 0..LANES {
+                    lamp[k][i] += weights[c] * shade[i];
+                }
+            });
+        }
+        for (k, packet) in batch.packets.iter().enumerate() {
+            let albedo = self.albedos.of(&packet.class);
+            let mut shade = lamp[k];
+            for (row, rest) in batch.transfer[k * n..].iter().zip(&self.rest) {
+                for i in 0..LANES {
+                    shade[i] += row[i] * rest;
+                }
+            }
+            out(k, std::array::from_fn(|i| albedo[i] * shade[i]));
+        }
+    }
+
+    /// Huber weights of the residuals. Where there is a lamp they are those of the lamp alone: what it does
+    /// not explain is what they are there to find.
+    fn weigh_residuals(&mut self, bank: &mut Bank, params: &LightParams) {
+        let n = bank.coefficients();
+        let rest = match self.field {
+            Some(_) => std::mem::take(&mut self.rest),
+            None => Vec::new(),
+        };
+        let mut residuals = std::mem::take(&mut self.scratch.predicted);
+        residuals.clear();
+        for batch in bank.batches() {
+            self.shade(batch, n, |k, shade| {
+                let packet = &batch.packets[k];
+                residuals.push(std::array::from_fn(|i| packet.luminance[i] - shade[i]));
+            });
+        }
+        if self.field.is_some() {
+            self.rest = rest;
+        }
+        let limit = params.huber * self.robust_deviation(bank, &residuals);
+        let packets = bank.batches_mut().flat_map(|b| &mut b.packets);
+        for (packet, residual) in packets.zip(&residuals) {
+            for i in 0..LANES {
+                let r = residual[i].abs();
+                packet.robust[i] = if r > limit { limit / r } else { 1.0 };
+            }
+        }
+        self.scratch.predicted = residuals;
+        bank.weigh(params.balance_normals);
+    }
+
+    /// 1.4826 times the median of the residuals: the standard deviation of a normal distribution.
+    fn robust_deviation(&mut self, bank: &Bank, residuals: &[[f32; LANES]]) -> f32 {
+        let median = &mut self.scratch.median;
+        median.clear();
+        let packets = bank.batches().flat_map(|b| &b.packets).zip(residuals);
+        for (packet, residual) in packets.step_by(MEDIAN_STRIDE) {
+            median
+                .extend((0..LANES).filter(|&i| packet.present[i] > 0.0).map(|i| residual[i].abs()));
+        }
+        if median.is_empty() {
+            return 0.0;
+        }
+        let middle = median.len() / 2;
+        1.4826 * *median.select_nth_unstable_by(middle, f32::total_cmp).1
+    }
+}
+
+/// What each channel counts for in the luminance.
+fn channel_weights(channels: usize) -> [f32; 3] {
+    match channels {
+        3 => [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(luminance),
+        _ => [1.0, 0.0, 0.0],
+    }
+}
