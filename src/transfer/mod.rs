@@ -227,7 +227,7 @@ impl TransferParams {
 
     /// The grid that ray-traced transfer is given on.
     fn results(&self, image: Size) -> Grid {
-        Grid::new(image, if self.refines() { 1 } else { self.subsampling })
+        Grid::new(image, if self.refines() { 1 } else { self.subsampling }, 1)
     }
 }
 

@@ -115,7 +115,7 @@ impl RayTracedTransfer {
     ) {
         assert_eq!(real.size(), merged.size(), "the real buffer against the merged one");
         let results = self.params.results(merged.size());
-        let points = Grid::new(merged.size(), self.params.subsampling).size().pixels();
+        let points = Grid::new(merged.size(), self.params.subsampling, 1).size().pixels();
         if real_transfer.fits(self.params.bands, &results) && self.trail.fits(points) {
             out.reshape(self.params.bands, &results);
             out.coefficients.copy_from_slice(&real_transfer.coefficients);

@@ -86,12 +86,12 @@ impl<'a> Rows<'a> {
         tracer: &'a Tracer<'a>,
         main: &'a GBuffer,
     ) -> Self {
-        let grid = Grid::new(main.size(), params.subsampling);
+        let grid = Grid::new(main.size(), params.subsampling, 1);
         Self { surfaces: Surfaces::new(main), grid, set, tracer }
     }
 
     pub fn every_pixel(&self) -> Self {
-        Self { grid: Grid::new(self.surfaces.buffer.size(), 1), ..*self }
+        Self { grid: Grid::new(self.surfaces.buffer.size(), 1, 1), ..*self }
     }
 
     /// Row of the image that a grid row stands at.
