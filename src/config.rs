@@ -144,6 +144,13 @@ impl Settings {
             "light.min_encoded and max_encoded: 0 <= min < max",
         );
         need(l.stride >= 1, "light.stride: at least 1");
+        need(l.huber >= 0.0 && l.huber.is_finite(), "light.huber: 0 or more");
+        need(positive(l.change_threshold), "light.change_threshold: above 0");
+        need((0.0..=1.0).contains(&l.hidden_radiance), "light.hidden_radiance: 0 to 1");
+        need(
+            l.at.is_none_or(|at| at.iter().all(|v| v.is_finite())),
+            "light.at: three finite numbers",
+        );
         need(l.mean_albedo > 0.0 && l.mean_albedo <= 1.0, "light.mean_albedo: above 0, at most 1");
         need(c.gauss_radius <= 64, "compositing.gauss_radius: at most 64");
         need(positive(c.depth_tolerance), "compositing.depth_tolerance: above 0");

@@ -1,6 +1,7 @@
 //! Samples of the newest frames, with forgetting: what the light is fitted to.
 
 use super::albedo::chroma_class;
+use crate::math::color::luminance;
 use crate::math::fibonacci_sphere;
 use glam::Vec3;
 use std::collections::VecDeque;
@@ -29,6 +30,8 @@ pub struct Packet {
     /// Direct light: what was seen, less what hidden directions are taken to bring.
     pub rgb: [[f32; LANES]; 3],
     pub luminance: [f32; LANES],
+    /// Luminance as it was seen.
+    pub seen: [f32; LANES],
     pub class: [u16; LANES],
     pub normal_bin: [u8; LANES],
     pub present: [f32; LANES],
@@ -43,6 +46,7 @@ impl Packet {
         position: [[0.0; LANES]; 3],
         rgb: [[0.0; LANES]; 3],
         luminance: [0.0; LANES],
+        seen: [0.0; LANES],
         class: [0; LANES],
         normal_bin: [0; LANES],
         present: [0.0; LANES],
@@ -95,6 +99,7 @@ impl Batch {
             packet.position[axis][lane] = sample.position[axis];
             packet.rgb[axis][lane] = sample.rgb[axis];
         }
+        packet.seen[lane] = luminance(sample.rgb);
         packet.class[lane] = chroma_class(sample.rgb);
         packet.normal_bin[lane] = normal_bin(sample.normal);
         (packet.present[lane], packet.robust[lane]) = (1.0, 1.0);
@@ -118,7 +123,7 @@ impl Batch {
                     channel[i] = (channel[i] - indirect).max(LEAST_DIRECT_SHARE * channel[i]);
                 }
                 let rgb = [0, 1, 2].map(|c| packet.rgb[c][i]);
-                packet.luminance[i] = crate::math::color::luminance(rgb);
+                packet.luminance[i] = luminance(rgb);
             }
         }
     }
@@ -138,10 +143,6 @@ pub struct Bank {
 impl Bank {
     pub fn coefficients(&self) -> usize {
         self.n
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.batches.is_empty()
     }
 
     pub fn frames(&self) -> usize {
@@ -165,6 +166,10 @@ impl Bank {
         let mut batch = self.spare.pop().unwrap_or_default();
         batch.clear();
         batch
+    }
+
+    pub fn give_back(&mut self, batch: Batch) {
+        self.spare.push(batch);
     }
 
     pub fn clear(&mut self) {

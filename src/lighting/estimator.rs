@@ -1,6 +1,7 @@
 //! The light from frame to frame: memory, robustness, and what to do with frames that show nothing.
 
 use super::bank::{Bank, Batch};
+use super::change::LastPicture;
 use super::field::LightField;
 use super::fit::{Fit, Residual};
 use super::samples::{Counts, Samples, Seen};
@@ -15,8 +16,8 @@ use glam::Vec3;
 /// Samples that are needed for each coefficient.
 const SAMPLES_PER_COEFFICIENT: usize = 4;
 
-/// Residuals below this (relative) are quantisation: they never count as a change of light.
-const QUIET_RESIDUAL: f64 = 0.02;
+/// Pictures change by noise alone: only more than this many times as much counts.
+const ABOVE_USUAL: f32 = 3.0;
 
 /// Why a frame brought no new light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -29,7 +30,7 @@ pub enum Rejection {
     Saturated,
     #[error("too many surfaces are seen at grazing angles")]
     Grazing,
-    #[error("the picture does not fit the light so far; waiting for the next frame to confirm")]
+    #[error("surfaces are brighter or darker than before; waiting for the next frame to confirm")]
     Unconfirmed,
     #[error("the solution is not finite")]
     NotFinite,
@@ -92,8 +93,9 @@ pub struct LightEstimator {
     bank: Bank,
     fit: Fit,
     last: Option<LightEstimate>,
-    /// Residuals of recent frames under the light before them.
-    usual_residual: f64,
+    before: LastPicture,
+    /// Change from picture to picture in recent frames.
+    usual_change: f32,
     /// The last frame did not fit the past.
     suspect: bool,
 }
@@ -106,7 +108,8 @@ impl LightEstimator {
             bank: Bank::default(),
             fit: Fit::default(),
             last: None,
-            usual_residual: 0.0,
+            before: LastPicture::default(),
+            usual_change: 0.0,
             suspect: false,
         }
     }
@@ -121,6 +124,8 @@ impl LightEstimator {
     fn forget(&mut self) {
         self.bank.clear();
         self.fit.forget();
+        self.before.forget();
+        self.usual_change = 0.0;
     }
 
     /// Takes other settings, and other bands, from the next frame on. What was learnt is kept where
@@ -171,16 +176,15 @@ impl LightEstimator {
             self.forget();
             self.suspect = false;
         }
-        let changed = !self.bank.is_empty() && self.detect_change(seen, n)?;
+        let changed = self.detect_change(seen)?;
         if changed {
             self.forget();
         }
-        let first = self.bank.is_empty();
         let present = self.present(seen, self.bank.frames());
         self.bank.push(present, n, self.params.memory as f32);
         let solution = self.fit.explain(&mut self.bank, &self.params);
         let newest = self.bank.newest().expect("pushed above");
-        let residual = self.fit.residual(newest, n, true);
+        let residual = self.fit.residual(newest, n);
         let field = self.fit.light_field(&solution, seen.transfer.bands);
         let light = field.at(at);
         let finite = light.coefficients.iter().flatten().all(|c| c.is_finite());
@@ -188,9 +192,7 @@ impl LightEstimator {
             self.forget();
             return Err(Rejection::NotFinite);
         }
-        if changed || first {
-            self.usual_residual = residual.relative();
-        }
+        self.before.keep(seen);
         let Spectrum { rank, condition } = spectrum(self.fit.equations());
         Ok(LightEstimate {
             deviation: deviation(&solution, &light, &residual, rank),
@@ -214,25 +216,26 @@ impl LightEstimator {
 
     /// Whether this frame shows another light than those before.
     ///
-    /// The first frame that the light so far doesn't explain is refused: it may be a flash, or a hand before
-    /// the lens. The second decides.
-    fn detect_change(&mut self, seen: &Seen, n: usize) -> Result<bool, Rejection> {
+    /// The first frame whose surfaces are brighter or darker is refused: it may be a flash, or a hand before
+    /// the lens. A second one that differs as much from the same picture decides.
+    fn detect_change(&mut self, seen: &Seen) -> Result<bool, Rejection> {
         let present = self.present(seen, 0);
-        let under_past = self.fit.residual(&present, n, false).relative();
-        let limit = self.params.change_factor * self.usual_residual.max(QUIET_RESIDUAL);
-        if under_past <= limit {
+        let change = self.before.change(&present);
+        self.bank.give_back(present);
+        let Some(change) = change else {
             self.suspect = false;
-            self.usual_residual = 0.5 * (self.usual_residual + under_past);
+            return Ok(false);
+        };
+        if change <= self.params.change_threshold.max(ABOVE_USUAL * self.usual_change) {
+            self.suspect = false;
+            self.usual_change = 0.5 * (self.usual_change + change);
             return Ok(false);
         }
-        if !std::mem::replace(&mut self.suspect, true) {
-            return Err(Rejection::Unconfirmed);
+        if std::mem::replace(&mut self.suspect, true) {
+            self.suspect = false;
+            return Ok(true);
         }
-        self.suspect = false;
-        self.usual_residual = under_past;
-        // A picture that no light explains well is no other light.
-        let own = own_residual(present, n, &self.params);
-        Ok(under_past > self.params.change_factor * own.max(QUIET_RESIDUAL))
+        Err(Rejection::Unconfirmed)
     }
 
     /// The last good light, grown older.
@@ -246,14 +249,6 @@ impl LightEstimator {
         kept.changed = false;
         kept
     }
-}
-
-/// Residual of a batch under the light that explains it alone.
-fn own_residual(batch: Batch, n: usize, params: &LightParams) -> f64 {
-    let (mut bank, mut fit) = (Bank::default(), Fit::default());
-    bank.push(batch, n, 0.0);
-    fit.explain(&mut bank, params);
-    bank.newest().map_or(0.0, |batch| fit.residual(batch, n, false).relative())
 }
 
 fn enough_samples(counts: &Counts, coefficients: usize) -> Result<(), Rejection> {

@@ -100,14 +100,13 @@ impl Fit {
         &self.scratch.equations
     }
 
-    /// How well a batch is explained, with its robust weights or all alike.
-    pub fn residual(&self, batch: &Batch, n: usize, robust: bool) -> Residual {
+    /// How well a batch is explained, with its robust weights.
+    pub fn residual(&self, batch: &Batch, n: usize) -> Residual {
         let mut total = Residual::default();
         self.shade(batch, n, |k, shade| {
             let packet = &batch.packets[k];
             for i in 0..LANES {
-                let w =
-                    if robust { packet.robust[i] * packet.present[i] } else { packet.present[i] };
+                let w = packet.robust[i] * packet.present[i];
                 let error = packet.luminance[i] - shade[i];
                 total.squares += f64::from(w * error * error);
                 total.energy += f64::from(w * packet.luminance[i] * packet.luminance[i]);

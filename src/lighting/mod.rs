@@ -7,6 +7,7 @@
 
 mod albedo;
 mod bank;
+mod change;
 mod estimator;
 pub mod exitant;
 mod field;
@@ -97,8 +98,9 @@ pub struct LightParams {
     pub huber: f32,
     /// What a frame's samples count for, a frame later. Sixteen frames are remembered at most.
     pub memory: f64,
-    /// The past is dropped where the residual grows by this factor.
-    pub change_factor: f64,
+    /// The past is dropped where a quarter of the surfaces changes its brightness by this (natural
+    /// logarithm), two frames long.
+    pub change_threshold: f32,
     /// Pixels whose brightest channel (encoded, [0, 1]) is above are saturated; below, black.
     pub max_encoded: f32,
     pub min_encoded: f32,
@@ -124,7 +126,7 @@ impl Default for LightParams {
             band_power: 0.5,
             huber: 1.345,
             memory: 0.9,
-            change_factor: 1.5,
+            change_threshold: 0.2,
             max_encoded: 0.98,
             min_encoded: 0.02,
             min_cosine: 0.2,

