@@ -166,7 +166,7 @@ fn result(study: &LightStudy, args: &LightStudyArgs) -> serde_json::Value {
     })
 }
 
-fn by_kind(error: StudyError) -> CliError {
+pub(super) fn by_kind(error: StudyError) -> CliError {
     let text = error.to_string();
     match error {
         StudyError::Options(_) | StudyError::Settings(_) => CliError::Usage(text),

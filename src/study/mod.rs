@@ -6,6 +6,7 @@
 //! ```
 
 pub mod composite;
+pub mod estimator;
 pub mod light;
 mod machine;
 mod runs;

@@ -22,6 +22,7 @@ mod tests;
 
 pub use files::write;
 pub use plan::LightPlan;
+pub(in crate::study) use plan::sequence_name;
 pub use record::{Jitter, LightFrame, LightRun, LightStudy, StepResponse, StepTrace};
 pub use study::{LOG_FILE, Progress, run};
 pub use summary::summary;

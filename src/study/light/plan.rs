@@ -144,7 +144,7 @@ impl LightPlan {
         for scene in &self.scenes {
             for &light in &self.lights {
                 let options = self.sequence(scene, light, self.warm_up + self.frames);
-                let name = format!("light_{scene}_{light}");
+                let name = sequence_name(scene, light);
                 self.add(&mut jobs, methods, Kind::Run { light }, &name, &options);
             }
         }
@@ -211,7 +211,12 @@ impl LightPlan {
         }
     }
 
-    fn sequence(&self, scene: &str, light: usize, frames: usize) -> SynthOptions {
+    pub(in crate::study) fn sequence(
+        &self,
+        scene: &str,
+        light: usize,
+        frames: usize,
+    ) -> SynthOptions {
         SynthOptions {
             scene: scene.to_owned(),
             frames,
@@ -231,4 +236,9 @@ fn once<T: Eq + Hash + Display>(what: &str, values: &[T]) -> Result<(), StudyErr
         Some(twice) => Err(StudyError::Options(format!("{what} {twice} is given twice"))),
         None => Ok(()),
     }
+}
+
+/// Name of the sequence of one scene under one light.
+pub(in crate::study) fn sequence_name(scene: &str, light: usize) -> String {
+    format!("light_{scene}_{light}")
 }
