@@ -45,7 +45,9 @@ fn disc(inside: [u8; 3]) -> Image<[u8; 3]> {
 
 /// Pairs, with the mean and the value at (41, 30) that the authors' program gives (nv-flip 0.1.2 at 67
 /// pixels a degree).
-fn pairs() -> Vec<(&'static str, Image<[u8; 3]>, Image<[u8; 3]>, f64, f32)> {
+type Pair = (&'static str, Image<[u8; 3]>, Image<[u8; 3]>, f64, f32);
+
+fn pairs() -> Vec<Pair> {
     let plain = picture(gradient);
     vec![
         ("noise", noise(1, 0, 256), noise(2, 0, 256), 0.441168, 0.534525),

@@ -136,9 +136,7 @@ fn options(out: &Path) -> CompositeOptions {
     CompositeOptions {
         out: out.to_owned(),
         presets: vec!["ours-fast".into()],
-        variants: ["no-bounce", "ratio", "true-light-scattered", "true-albedo"]
-            .map(str::to_owned)
-            .into(),
+        variants: ["no-bounce", "ratio", "true-light", "true-albedo"].map(str::to_owned).into(),
         made: None,
         folders: Vec::new(),
         measured: 2,
@@ -173,14 +171,15 @@ fn a_study_runs_and_goes_on_where_it_was() {
     assert!(told.borrow().iter().any(|what| what.contains("made")));
     // "ratio" is what the preset does
     let keys: Vec<&str> = study.runs.iter().map(|r| r.key.as_str()).collect();
-    assert_eq!(keys, [PRESET, "no-bounce", "true-light-scattered", "true-albedo"]);
+    assert_eq!(keys, [PRESET, "no-bounce", "true-light", "true-albedo"]);
     for run in &study.runs {
         assert_eq!(run.frames.iter().map(|f| f.frame).collect::<Vec<_>>(), [0, 2]);
         assert!(run.frames.iter().all(|f| f.flip > 0.0 && f.psnr_db > 10.0), "{run:?}");
     }
     let [plain, _, given, albedo] = study.runs.as_slice() else { panic!() };
     assert!(albedo.changes[0].starts_with("light.mean_albedo=0."), "{:?}", albedo.changes);
-    assert!(given.frames[1].light_deg < plain.frames[1].light_deg);
+    // f32 coefficients of an area light: its centre and its band 1 differ a little
+    assert!(given.frames[1].light_deg < 1.0);
     assert!(plain.frames[1].changed_rmse < 1.2, "{:?}", plain.frames[1]);
 
     for name in ["study.json", "runs.csv", "summary.md", "pictures/made/000002-ours-fast-flip.png"]
