@@ -145,10 +145,6 @@ impl Bank {
         self.n
     }
 
-    pub fn frames(&self) -> usize {
-        self.batches.len()
-    }
-
     pub fn batches(&self) -> impl DoubleEndedIterator<Item = &Batch> + Clone {
         self.batches.iter()
     }
@@ -273,13 +269,13 @@ mod tests {
         for _ in 0..40 {
             bank.push(batch(20, |_| Vec3::Z), 4, 0.5);
         }
-        assert_eq!(bank.frames(), MAX_FRAMES);
+        assert_eq!(bank.batches().count(), MAX_FRAMES);
         let shares: Vec<f32> = bank.batches().map(|b| b.share).rev().take(3).collect();
         assert_eq!(shares, [1.0, 0.5, 0.25]);
         bank.push(batch(20, |_| Vec3::Z), 4, 0.0);
-        assert_eq!(bank.frames(), 1, "without memory there is the present alone");
+        assert_eq!(bank.batches().count(), 1, "without memory there is the present alone");
         bank.push(batch(20, |_| Vec3::Z), 9, 0.9);
-        assert_eq!(bank.frames(), 1, "other coefficients start anew");
+        assert_eq!(bank.batches().count(), 1, "other coefficients start anew");
     }
 
     #[test]

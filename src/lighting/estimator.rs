@@ -180,7 +180,7 @@ impl LightEstimator {
         if changed {
             self.forget();
         }
-        let present = self.present(seen, self.bank.frames());
+        let present = self.present(seen);
         self.bank.push(present, n, self.params.memory as f32);
         let solution = self.fit.explain(&mut self.bank, &self.params);
         let newest = self.bank.newest().expect("pushed above");
@@ -208,9 +208,9 @@ impl LightEstimator {
         })
     }
 
-    fn present(&mut self, seen: &Seen, phase: usize) -> Batch {
+    fn present(&mut self, seen: &Seen) -> Batch {
         let mut batch = self.bank.blank();
-        self.samples.pick(seen, phase, self.params.hidden_radiance, &mut batch);
+        self.samples.pick(seen, self.params.hidden_radiance, &mut batch);
         batch
     }
 
@@ -219,7 +219,7 @@ impl LightEstimator {
     /// The first frame whose surfaces are brighter or darker is refused: it may be a flash, or a hand before
     /// the lens. A second one that differs as much from the same picture decides.
     fn detect_change(&mut self, seen: &Seen) -> Result<bool, Rejection> {
-        let present = self.present(seen, 0);
+        let present = self.present(seen);
         let change = self.before.change(&present);
         self.bank.give_back(present);
         let Some(change) = change else {

@@ -11,7 +11,7 @@ use crate::math::color::luminance;
 
 /// Rounds of lamp, albedo and robust weights: for a first fit, and from one frame to the next.
 const FIRST_ROUNDS: usize = 5;
-const ROUNDS: usize = 2;
+const ROUNDS: usize = 1;
 
 /// The median residual is taken over every n-th packet.
 const MEDIAN_STRIDE: usize = 2;
@@ -38,6 +38,8 @@ pub struct Fit {
     albedos: Albedos,
     /// Of the last solution: the light that the lamp leaves over, in luminance.
     rest: Vec<f32>,
+    /// Searches so far.
+    turn: usize,
     scratch: Scratch,
 }
 
@@ -59,6 +61,7 @@ impl Fit {
         self.field = None;
         self.albedos = Albedos::default();
         self.rest.clear();
+        self.turn = 0;
     }
 
     /// Explains the bank; leaves its robust weights up to date.
@@ -144,7 +147,8 @@ impl Fit {
         }
         let design = Design { bank, gram, seen };
         let last = self.field.as_ref().map(|field| field.lamp);
-        self.field = LampField::search(&design, near, last.as_ref());
+        self.field = LampField::search(&design, near, last.as_ref(), self.turn);
+        self.turn += 1;
         if let Some(field) = &mut self.field {
             match &channels[..] {
                 [_] => field.measure(&design, std::slice::from_ref(seen)),

@@ -76,13 +76,13 @@ impl Samples {
         })
     }
 
-    /// Puts at most [`SAMPLES_PER_FRAME`] of the points found into `out`, evenly spread; another `phase`
-    /// takes others.
-    pub fn pick(&self, seen: &Seen, phase: usize, hidden_radiance: f32, out: &mut Batch) {
+    /// Puts at most [`SAMPLES_PER_FRAME`] of the points found into `out`, evenly spread: the same
+    /// from frame to frame, so that where nothing moves the light does not either.
+    pub fn pick(&self, seen: &Seen, hidden_radiance: f32, out: &mut Batch) {
         let all: usize = self.strips.iter().map(|s| s.points.len()).sum();
         let every = all.div_ceil(SAMPLES_PER_FRAME).max(1);
         let world_from_view = seen.surface.view.world_from_view_f32();
-        let points = self.strips.iter().flat_map(|s| &s.points).skip(phase % every);
+        let points = self.strips.iter().flat_map(|s| &s.points);
         for &[i, j] in points.step_by(every) {
             let (i, j) = (i as usize, j as usize);
             let (x, y) = seen.transfer.pixel(i, j, seen.surface.size());
