@@ -47,14 +47,26 @@ impl Insertion {
         main.view.world_from_view_f32().transform_point3(in_view)
     }
 
+    /// Real transfer, then transfer with virtual objects, and the bounce.
+    fn run(
+        &self,
+        stage: &mut RadianceTransfer,
+        radiance: Option<Radiance>,
+    ) -> (TransferMap, IndirectMap) {
+        let (mut real, mut out) = (TransferMap::default(), TransferMap::default());
+        let mut indirect = IndirectMap { rgb: vec![[f32::NAN; 3]; 5], ..IndirectMap::default() };
+        stage.transfer(self.real().0, self.real().1, &mut real);
+        let buffers = (self.real(), self.merged());
+        stage.transfer_and_bounce(buffers.0, buffers.1, radiance, &real, &mut out, &mut indirect);
+        (out, indirect)
+    }
+
     /// The bounce with the same radiance everywhere.
     fn bounce(&self, stage: &mut RadianceTransfer, radiance: [f32; 3]) -> IndirectMap {
         let main = Image::new(self.merged.0.size(), radiance);
         let auxiliary: Vec<_> =
             self.merged.1.iter().map(|b| Image::new(b.size(), radiance)).collect();
-        let mut out = IndirectMap { rgb: vec![[f32::NAN; 3]; 5], ..IndirectMap::default() };
-        stage.bounce(self.merged(), (&main, &auxiliary), &mut out);
-        out
+        self.run(stage, Some((&main, &auxiliary))).1
     }
 }
 
@@ -79,16 +91,17 @@ fn only_what_virtual_pixels_reach_is_redone_and_all_else_keeps_its_bits() {
         let mut stage = stage(&params);
         let mut real = TransferMap::default();
         stage.transfer(scene.real().0, scene.real().1, &mut real);
-        let mut whole = TransferMap::default();
-        stage.transfer(scene.merged().0, scene.merged().1, &mut whole);
+        let whole = transferred(&params, scene.merged().0, scene.merged().1);
         assert_ne!(real, whole);
-        let mut out = TransferMap::default();
-        stage.transfer_with_virtual(scene.real(), scene.merged(), &real, &mut out);
+        let (mut out, mut indirect) = (TransferMap::default(), IndirectMap::default());
+        let buffers = (scene.real(), scene.merged());
+        stage.transfer_and_bounce(buffers.0, buffers.1, None, &real, &mut out, &mut indirect);
+        assert!(indirect.rgb.iter().all(|c| *c == [0.0; 3]));
         assert!(difference(&out, &whole) < ROUNDING, "step {step}: {}", difference(&out, &whole));
         // Marked values show what was copied.
         let mut marked = real.clone();
         marked.coefficients.fill(7.0);
-        stage.transfer_with_virtual(scene.real(), scene.merged(), &marked, &mut out);
+        stage.transfer_and_bounce(buffers.0, buffers.1, None, &marked, &mut out, &mut indirect);
         let copied = out.coefficients.chunks(16).filter(|c| c[0] == 7.0).count();
         if radius_m < 0.4 {
             assert!(copied * 3 > out.grid.pixels(), "{copied} of {}", out.grid.pixels());
@@ -108,9 +121,7 @@ fn without_virtual_pixels_all_stays_as_it_was() {
     let mut stage = stage(&TransferParams::default());
     let mut real = TransferMap::default();
     stage.transfer(scene.real().0, scene.real().1, &mut real);
-    let mut out = TransferMap::default();
-    stage.transfer_with_virtual(scene.real(), scene.merged(), &real, &mut out);
-    assert_eq!(out, real);
+    assert_eq!(scene.run(&mut stage, None).0, real);
     let bounce = scene.bounce(&mut stage, [1.0; 3]);
     assert_eq!(bounce.rgb.len(), bounce.grid.pixels());
     assert!(bounce.rgb.iter().all(|c| *c == [0.0; 3]));
@@ -125,9 +136,11 @@ fn a_map_of_other_settings_is_not_trusted() {
         scene.real().0,
         scene.real().1,
     );
-    let mut out = TransferMap::default();
-    stage.transfer_with_virtual(scene.real(), scene.merged(), &other, &mut out);
-    assert_eq!(out, transferred(stage.params(), scene.merged().0, scene.merged().1));
+    let (mut out, mut indirect) = (TransferMap::default(), IndirectMap::default());
+    let buffers = (scene.real(), scene.merged());
+    stage.transfer_and_bounce(buffers.0, buffers.1, None, &other, &mut out, &mut indirect);
+    let whole = transferred(stage.params(), scene.merged().0, scene.merged().1);
+    assert!(difference(&out, &whole) < ROUNDING);
 }
 
 #[test]
@@ -148,8 +161,7 @@ fn real_surfaces_take_light_from_virtual_ones_alone() {
         Image::from_vec(buffer.size(), pixels)
     };
     let auxiliary: Vec<_> = scene.merged.1.iter().map(colours).collect();
-    let mut out = IndirectMap::default();
-    stage.bounce(scene.merged(), (&colours(&scene.merged.0), &auxiliary), &mut out);
+    let out = scene.run(&mut stage, Some((&colours(&scene.merged.0), &auxiliary))).1;
     let (mut floor, mut ball) = (Vec3::ZERO, Vec3::ZERO);
     for (k, c) in out.rgb.iter().enumerate() {
         match on(k, &out) {
