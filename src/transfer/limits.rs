@@ -188,3 +188,12 @@ fn farthest_row(
         out[i] = if present { far + bias_m } else { f32::INFINITY };
     }
 }
+
+/// The limit of one pixel.
+#[cfg(test)]
+pub(super) fn limit_m(buffer: &GBuffer, (x, y): (usize, usize), bias_m: f32) -> f32 {
+    let mut out = [0.0];
+    let view_from_world = buffer.view.view_from_world_f32().matrix3;
+    farthest_row(&mut out, buffer, (x, y), &view_from_world, bias_m);
+    out[0]
+}

@@ -130,7 +130,7 @@ impl<const COMPARE: bool> Visit for FitMerged<'_, COMPARE> {
         }
         if self.insertion.is_some() {
             let real_limit = gathered(before, place);
-            if real_limit != limit {
+            if differ(&real_limit, &limit) {
                 cosine = view.fit::<PERSPECTIVE>(points, step, above, place, &real_limit);
             }
         }
@@ -181,6 +181,15 @@ fn any_beyond(place: &Place, limit: &[f32; LANES]) -> bool {
     let mut any = 0;
     for i in 0..LANES {
         any |= u32::from(place.z[i] > limit[i]);
+    }
+    any != 0
+}
+
+#[inline(always)]
+fn differ(a: &[f32; LANES], b: &[f32; LANES]) -> bool {
+    let mut any = 0;
+    for i in 0..LANES {
+        any |= u32::from(a[i] != b[i]);
     }
     any != 0
 }
