@@ -297,26 +297,23 @@ impl Pipeline {
             merged.draw(&mut self.rasteriser, &self.scene, real, auxiliary);
         });
         times.measure(Stage::RadTransfer, || {
+            let bounce = self.settings.bounce.enabled;
+            if bounce {
+                merged.radiate(&frame.color, &light, self.settings.light.mean_albedo);
+            }
             let with_virtual = MergedScene {
                 objects: &self.scene,
                 main: &merged.main,
                 auxiliary: &merged.auxiliary,
+                radiance: bounce.then_some((&merged.radiance, &merged.auxiliary_radiance)),
             };
-            self.radiance_transfer.transfer_with_virtual(
+            self.radiance_transfer.transfer_and_bounce(
                 RealScene { volume, main: real, auxiliary },
                 with_virtual,
                 real_transfer,
                 merged_transfer,
+                indirect,
             );
-            let bounce = self.radiance_transfer.bounce_stage();
-            if let (true, Some(stage)) = (self.settings.bounce.enabled, bounce) {
-                merged.radiate(&frame.color, &light, self.settings.light.mean_albedo);
-                stage.bounce(
-                    (&merged.main, &merged.auxiliary),
-                    (&merged.radiance, &merged.auxiliary_radiance),
-                    indirect,
-                );
-            }
         });
         times.measure(Stage::Rendering, || {
             let input = self.last.compose_input(&self.settings, &light.light);

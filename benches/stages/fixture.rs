@@ -248,9 +248,15 @@ impl LitStep {
         let merged_buffers = (&stages.merged, stages.merged_auxiliary.as_slice());
         let real_buffers = (&stages.real, stages.auxiliary.as_slice());
         stage.transfer(real_buffers.0, real_buffers.1, &mut real);
-        stage.transfer_with_virtual(real_buffers, merged_buffers, &real, &mut merged);
-        let radiance = (&stages.radiance, stages.auxiliary_radiance.as_slice());
-        stage.bounce(merged_buffers, radiance, &mut indirect);
+        let radiance = Some((&stages.radiance, stages.auxiliary_radiance.as_slice()));
+        stage.transfer_and_bounce(
+            real_buffers,
+            merged_buffers,
+            radiance,
+            &real,
+            &mut merged,
+            &mut indirect,
+        );
         let n = real.bands * real.bands;
         let (before, after) = (real.coefficients.chunks(n), merged.coefficients.chunks(n));
         Self {

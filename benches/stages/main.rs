@@ -116,24 +116,28 @@ fn transfer_real(bencher: Bencher, step: usize) {
         .bench_local(|| stage.transfer(real, auxiliary, &mut out));
 }
 
-/// The same for the points whose transfer virtual objects change, and for no other.
-#[divan::bench(args = [1, 4])]
-fn transfer_with_virtual(bencher: Bencher, step: usize) {
+/// Twice the same, for light and for the bounce, for the points whose transfer virtual objects change, and for
+/// no other. With `false` without the bounce, and so once.
+#[divan::bench(args = [1, 4], consts = [true, false])]
+fn transfer_and_bounce<const BOUNCES: bool>(bencher: Bencher, step: usize) {
     let fixture = &*FIXTURE;
     let FrameStages { real, auxiliary, merged, merged_auxiliary, .. } = &fixture.stages;
+    let FrameStages { radiance, auxiliary_radiance, .. } = &fixture.stages;
     let LitStep { real_transfer, changed_points, .. } = fixture.lit(step);
     let mut stage = fixture.radiance_transfer(step);
-    let mut out = TransferMap::default();
-    bencher.counter(ItemsCount::new(changed_points * fixture.operations_per_point())).bench_local(
-        || {
-            stage.transfer_with_virtual(
-                (real, auxiliary),
-                (merged, merged_auxiliary),
-                real_transfer,
-                &mut out,
-            );
-        },
-    );
+    stage.transfer(real, auxiliary, &mut TransferMap::default());
+    let (mut out, mut indirect) = (TransferMap::default(), IndirectMap::default());
+    let operations = changed_points * fixture.operations_per_point();
+    bencher.counter(ItemsCount::new(operations * (1 + usize::from(BOUNCES)))).bench_local(|| {
+        stage.transfer_and_bounce(
+            (real, auxiliary),
+            (merged, merged_auxiliary),
+            BOUNCES.then_some((radiance, auxiliary_radiance)),
+            real_transfer,
+            &mut out,
+            &mut indirect,
+        );
+    });
 }
 
 /// Rays through the volume instead of samples in buffers, on the model alone: half of the directions
@@ -164,20 +168,6 @@ fn transfer_traced_with_virtual(bencher: Bencher, preset: &str) {
     stage.transfer(&volume, real, &mut before);
     bencher.bench_local(|| {
         stage.transfer_with_virtual(&volume, &fixture.scene, (real, &merged), &before, &mut out);
-    });
-}
-
-/// Counted as [`transfer_with_virtual`]: whom virtual objects hide from the light, they may lend some.
-#[divan::bench(args = [1, 4])]
-fn transfer_bounce(bencher: Bencher, step: usize) {
-    let fixture = &*FIXTURE;
-    let FrameStages { merged, merged_auxiliary, radiance, auxiliary_radiance, .. } =
-        &fixture.stages;
-    let mut stage = fixture.radiance_transfer(step);
-    let mut out = IndirectMap::default();
-    let points = fixture.lit(step).changed_points;
-    bencher.counter(ItemsCount::new(points * fixture.operations_per_point())).bench_local(|| {
-        stage.bounce((merged, merged_auxiliary), (radiance, auxiliary_radiance), &mut out);
     });
 }
 

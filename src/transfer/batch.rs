@@ -1,7 +1,8 @@
 //! Sixteen surface points of the grid at a time, and the visibility of their samples.
 
 use super::directions::{DirectionSet, LANES};
-use super::occluder::{Found, NOT_HIDDEN, Occluder};
+use super::occluder::{Found, Occluder};
+use super::samples::NOT_HIDDEN;
 use crate::geometry::GBuffer;
 use crate::image::Size;
 use crate::math::View;
@@ -177,7 +178,9 @@ pub(super) struct Scratch {
     pub cosine: Vec<[f32; LANES]>,
     /// Largest t.w of a surface that hides a sample, by active direction.
     pub best: Vec<[f32; LANES]>,
-    /// Which surface that was; filled where asked for.
+    /// The same without virtual surfaces.
+    pub before: Vec<[f32; LANES]>,
+    /// Which surface `best` was.
     pub hit: Vec<[u32; LANES]>,
     /// What an active direction, by its place in `active`, takes from the transfer: (1 - K) c / sum c.
     pub share: Vec<[f32; LANES]>,
@@ -187,12 +190,13 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    pub fn reserve(&mut self, set: &DirectionSet, track: bool) {
+    pub fn reserve(&mut self, set: &DirectionSet) {
         let directions = set.len();
         self.cosine.resize(directions, [0.0; LANES]);
         self.best.resize(directions, [0.0; LANES]);
         self.share.resize(directions, [0.0; LANES]);
-        self.hit.resize(if track { directions } else { 0 }, [0; LANES]);
+        self.before.resize(directions, [0.0; LANES]);
+        self.hit.resize(directions, [0; LANES]);
         self.wanted.resize(set.chunks(), 0);
         self.marks.resize(directions, false);
         self.active.clear();
@@ -229,22 +233,46 @@ impl Scratch {
         }
     }
 
-    /// Keeps the active directions in which `occluders` hide anything.
+    /// Keeps the active directions in which virtual surfaces may have changed anything.
     #[inline(always)]
     pub fn narrow(&mut self, batch: &Batch, set: &DirectionSet, occluders: &[Occluder]) {
         for &direction in &self.active {
             self.marks[direction as usize] = false;
         }
-        for occluder in occluders {
-            occluder.mark_hidden(batch, set, &self.wanted, &mut self.marks);
+        for occluder in occluders.iter().filter(|occluder| occluder.shows_virtual()) {
+            occluder.mark_changed(batch, set, &self.wanted, &mut self.marks);
+            self.forget_marked(set);
         }
         self.active.retain(|&direction| self.marks[direction as usize]);
         self.want_active(set);
     }
 
-    /// Looks along the active directions.
+    /// What is marked once need not be tried again.
     #[inline(always)]
-    pub fn look<const TRACK: bool>(
+    fn forget_marked(&mut self, set: &DirectionSet) {
+        for &direction in self.active.iter().filter(|&&d| self.marks[d as usize]) {
+            for slot in set.slots(direction as usize) {
+                self.wanted[slot / LANES] &= !(1 << (slot % LANES));
+            }
+        }
+    }
+
+    /// Looks along the active directions for real surfaces.
+    #[inline(always)]
+    pub fn look_real(&mut self, batch: &Batch, set: &DirectionSet, occluders: &[Occluder]) {
+        for &direction in &self.active {
+            self.best[direction as usize] = [NOT_HIDDEN; LANES];
+        }
+        for occluder in occluders {
+            let Self { cosine, best, before, hit, wanted, .. } = self;
+            occluder.cast_real(batch, set, wanted, Found { cosine, best, before, hit });
+        }
+    }
+
+    /// Looks along the active directions for real and virtual surfaces, and with `COMPARE` for real
+    /// ones alone too.
+    #[inline(always)]
+    pub fn look_merged<const COMPARE: bool>(
         &mut self,
         batch: &Batch,
         set: &DirectionSet,
@@ -252,11 +280,13 @@ impl Scratch {
     ) {
         for &direction in &self.active {
             self.best[direction as usize] = [NOT_HIDDEN; LANES];
+            self.before[direction as usize] = [NOT_HIDDEN; LANES];
         }
         let mut first_code = 0;
         for occluder in occluders {
-            let found = Found { cosine: &self.cosine, best: &mut self.best, hit: &mut self.hit };
-            occluder.cast::<TRACK>(batch, set, &self.wanted, found, first_code);
+            let Self { cosine, best, before, hit, wanted, .. } = self;
+            let found = Found { cosine, best, before, hit };
+            occluder.cast_merged::<COMPARE>(batch, set, wanted, found, first_code);
             first_code += occluder.padded_len() as u32;
         }
     }
@@ -265,13 +295,34 @@ impl Scratch {
     #[inline(always)]
     pub fn hidden_share(&self, k: usize, chi: f32, inverse_sum: &[f32; LANES]) -> [f32; LANES] {
         let direction = self.active[k] as usize;
-        let (best, cosine) = (&self.best[direction], &self.cosine[direction]);
-        let mut share = [0f32; LANES];
-        for i in 0..LANES {
-            share[i] = hiddenness(best[i], chi) * cosine[i] * inverse_sum[i];
-        }
-        share
+        share(&self.best[direction], &self.cosine[direction], chi, inverse_sum)
     }
+
+    /// How much more it takes than without virtual surfaces.
+    #[inline(always)]
+    pub fn added_share(&self, k: usize, chi: f32, inverse_sum: &[f32; LANES]) -> [f32; LANES] {
+        let direction = self.active[k] as usize;
+        let before = share(&self.before[direction], &self.cosine[direction], chi, inverse_sum);
+        let mut added = self.hidden_share(k, chi, inverse_sum);
+        for i in 0..LANES {
+            added[i] -= before[i];
+        }
+        added
+    }
+}
+
+#[inline(always)]
+fn share(
+    best: &[f32; LANES],
+    cosine: &[f32; LANES],
+    chi: f32,
+    inverse_sum: &[f32; LANES],
+) -> [f32; LANES] {
+    let mut share = [0f32; LANES];
+    for i in 0..LANES {
+        share[i] = hiddenness(best[i], chi) * cosine[i] * inverse_sum[i];
+    }
+    share
 }
 
 /// 1 / v, and 0 where v is not positive.

@@ -27,59 +27,51 @@
 use super::batch::{Batch, Scratch, hiddenness};
 use super::directions::LANES;
 use super::occluder::Occluder;
-use super::radiance_transfer::{Buffers, Pass};
+use super::radiance_transfer::{Buffers, Pass, Radiance};
 use crate::geometry::{GBuffer, Origin};
 use crate::image::Image;
 use glam::{Vec2, Vec3};
 
 /// What a bounce needs besides the pass.
 pub(super) struct BounceInput<'a> {
-    pub buffers: Buffers<'a>,
-    pub radiance: (&'a Image<[f32; 3]>, &'a [Image<[f32; 3]>]),
-    pub strength: f32,
+    buffers: Buffers<'a>,
+    radiance: Radiance<'a>,
+    strength: f32,
 }
 
-impl BounceInput<'_> {
+impl<'a> BounceInput<'a> {
+    /// Panics where a picture has not the size of its buffer.
+    pub fn new(buffers: Buffers<'a>, radiance: Radiance<'a>, strength: f32) -> Self {
+        assert_eq!(radiance.0.size(), buffers.0.size(), "radiance of the main buffer");
+        assert!(
+            radiance.1.iter().map(Image::size).eq(buffers.1.iter().map(GBuffer::size)),
+            "radiance of the auxiliary buffers"
+        );
+        Self { buffers, radiance, strength }
+    }
+
     fn source(&self, view: usize) -> (&GBuffer, &Image<[f32; 3]>) {
         match view.checked_sub(1) {
             None => (self.buffers.0, self.radiance.0),
             Some(k) => (&self.buffers.1[k], &self.radiance.1[k]),
         }
     }
-}
 
-#[multiversion::multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
-    "x86_64+avx2+fma+bmi2"
-))]
-pub(super) fn bounce_blocks(
-    pass: &Pass,
-    input: &BounceInput,
-    top: usize,
-    rows: &mut [[f32; 3]],
-    scratch: &mut Scratch,
-) {
-    rows.fill([0.0; 3]);
-    let origin = pass.main.origin.as_slice();
-    for (left, cell) in pass.grid.batches() {
-        let batch = Batch::gather(pass.main, &pass.receivers, &pass.grid, (left, top), cell);
-        if !batch.any_valid() {
-            continue;
-        }
-        let on_virtual: [bool; LANES] =
-            std::array::from_fn(|i| batch.valid[i] & (origin[batch.pixel[i]] == Origin::Virtual));
-        let sum = scratch.face(&batch, pass.set);
-        if !on_virtual.contains(&true) {
-            // Only directions that may end on a virtual surface.
-            scratch.narrow(&batch, pass.set, pass.changed);
-            if scratch.active.is_empty() {
-                continue;
-            }
-        }
-        scratch.look::<true>(&batch, pass.set, pass.occluders);
+    /// The bounce at the points of a batch, from what `scratch` has found with virtual surfaces; `sum` are
+    /// the sums of cosines.
+    #[inline(always)]
+    pub fn write(
+        &self,
+        pass: &Pass,
+        batch: &Batch,
+        on_virtual: &[bool; LANES],
+        sum: &[f32; LANES],
+        scratch: &Scratch,
+        out: &mut [[f32; 3]],
+    ) {
         for i in (0..LANES).filter(|&i| batch.valid[i] && sum[i] > 0.0) {
-            let light = gathered(pass, input, &batch, i, on_virtual[i], scratch);
-            rows[batch.index[i]] = (light * (input.strength / sum[i])).to_array();
+            let light = gathered(pass, self, batch, i, on_virtual[i], scratch);
+            out[batch.index[i]] = (light * (self.strength / sum[i])).to_array();
         }
     }
 }
@@ -109,7 +101,7 @@ fn gathered(
         }
         let pixel = Vec2::new(u as f32, v as f32);
         let in_view = buffer.view.unproject(pixel, buffer.depth_m[(u, v)]);
-        let s = pass.occluders[view].world_from_view.transform_point3(in_view);
+        let s = pass.occluders[view].view.world_from_view.transform_point3(in_view);
         if buffer.normals.at(u, v).dot(x - s) > 0.0 {
             light += hidden * cosine * Vec3::from(radiance[(u, v)]);
         }
@@ -117,7 +109,7 @@ fn gathered(
     light
 }
 
-/// Buffer and pixel of a code that [`Occluder::cast`] wrote.
+/// Buffer and pixel of a code that [`Occluder::cast_merged`] wrote.
 fn pixel_of_code(occluders: &[Occluder], code: u32) -> (usize, (usize, usize)) {
     let mut index = code as usize;
     let mut view = 0;

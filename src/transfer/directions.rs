@@ -32,6 +32,8 @@ pub struct DirectionSet {
     /// slots beyond the last are 0.
     distances_m: Vec<[f32; LANES]>,
     slot_directions: Vec<u32>,
+    /// No sample lies further away.
+    pub(super) farthest_m: f32,
 }
 
 impl DirectionSet {
@@ -53,6 +55,7 @@ impl DirectionSet {
             let n = sh::coefficients(params.bands);
             row[..n].copy_from_slice(&sh::basis(direction, params.bands)[..n]);
         }
+        let distances_m = tiled_distances(params);
         Ok(Self {
             solid_angle: (4.0 * PI / directions.len() as f64) as f32,
             neighbour_angle: neighbour_angle as f32,
@@ -61,7 +64,8 @@ impl DirectionSet {
             tile: params.jitter_tile,
             samples: params.samples,
             rows,
-            distances_m: tiled_distances(params),
+            farthest_m: distances_m.iter().flatten().copied().fold(0.0, f32::max),
+            distances_m,
             slot_directions: (0..points.len() as u32)
                 .flat_map(|direction| std::iter::repeat_n(direction, params.samples))
                 .collect(),

@@ -27,10 +27,12 @@ mod batch;
 mod bounce;
 mod directions;
 mod hull;
+mod limits;
 mod occluder;
 mod pyramid;
 mod radiance_transfer;
 pub mod reference;
+mod samples;
 mod stage;
 #[cfg(test)]
 mod test_support;
@@ -45,7 +47,7 @@ mod truth_tests;
 mod virtual_tests;
 
 pub use directions::DirectionSet;
-pub use radiance_transfer::{Buffers, RadianceTransfer};
+pub use radiance_transfer::{Buffers, Radiance, RadianceTransfer};
 pub use stage::{MergedScene, RealScene, TransferStage};
 pub use traced::RayTracedTransfer;
 

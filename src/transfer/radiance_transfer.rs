@@ -1,12 +1,12 @@
 //! The RadTransfer stage on the CPU.
 
 use super::batch::{Batch, Grid, Receivers, Scratch, inverse_or_zero};
-use super::bounce::{BounceInput, bounce_blocks};
+use super::bounce::BounceInput;
 use super::directions::{DirectionSet, LANES};
 use super::occluder::Occluder;
 use super::{BounceParams, IndirectMap, TransferError, TransferMap, TransferParams};
 use crate::geometry::{GBuffer, Origin};
-use crate::image::Image;
+use crate::image::{Image, Size};
 use crate::math::sh;
 use glam::Affine3A;
 use rayon::prelude::*;
@@ -18,6 +18,9 @@ const PIECES: usize = 64;
 /// A main buffer and its auxiliary buffers.
 pub type Buffers<'a> = (&'a GBuffer, &'a [GBuffer]);
 
+/// Radiance that leaves the pixels of a main buffer and of its auxiliary buffers.
+pub type Radiance<'a> = (&'a Image<[f32; 3]>, &'a [Image<[f32; 3]>]);
+
 /// Computes radiance transfer and the indirect bounce from geometry buffers.
 #[derive(Debug)]
 pub struct RadianceTransfer {
@@ -25,10 +28,6 @@ pub struct RadianceTransfer {
     bounce: BounceParams,
     set: DirectionSet,
     occluders: Vec<Occluder>,
-    /// Without virtual objects.
-    real_occluders: Vec<Occluder>,
-    /// Where visibility may differ between the two; one for each view that shows virtual objects.
-    changed: Vec<Occluder>,
     scratch: Vec<Scratch>,
 }
 
@@ -40,8 +39,6 @@ pub(super) struct Pass<'a> {
     pub world_from_main: Affine3A,
     pub set: &'a DirectionSet,
     pub occluders: &'a [Occluder],
-    pub real_occluders: &'a [Occluder],
-    pub changed: &'a [Occluder],
 }
 
 impl RadianceTransfer {
@@ -52,8 +49,6 @@ impl RadianceTransfer {
             params: params.clone(),
             bounce: bounce.clone(),
             occluders: Vec::new(),
-            real_occluders: Vec::new(),
-            changed: Vec::new(),
             scratch: vec![Scratch::default(); PIECES],
         })
     }
@@ -70,7 +65,7 @@ impl RadianceTransfer {
     pub fn transfer(&mut self, main: &GBuffer, auxiliary: &[GBuffer], out: &mut TransferMap) {
         let grid = self.grid(main);
         out.reshape(self.params.bands, &grid);
-        self.prepare((main, auxiliary), false);
+        self.prepare((main, auxiliary));
         let (pass, scratch) = self.pass(main, grid);
         let n = sh::coefficients(pass.set.bands());
         for_blocks(&mut out.coefficients, grid.width * n, &grid, scratch, |top, rows, scratch| {
@@ -78,102 +73,97 @@ impl RadianceTransfer {
         });
     }
 
-    /// Transfer of real and virtual geometry together, with the samples of the real pass.
+    /// Transfer of real and virtual geometry together, with the samples of the real pass; and one bounce
+    /// of light, with `radiance` leaving the pixels of each merged buffer.
     ///
-    /// `real_transfer` is what [`Self::transfer`] made of `real`, and `merged` must differ from
-    /// `real` in pixels of [`Origin::Virtual`](crate::geometry::Origin::Virtual) alone. Only directions in which a sample is behind
-    /// a virtual pixel of some buffer are looked along again, with and without the virtual pixels, and
+    /// The last call of [`Self::transfer`] must have made `real_transfer` of `real`, and `merged` must
+    /// differ from `real` in pixels of [`Origin::Virtual`] alone. Points on virtual surfaces are computed
+    /// as by `transfer`. Elsewhere only directions in which a sample is behind a
+    /// virtual pixel of some buffer are looked along again, with and without the virtual pixels, and
     /// the difference is added; all points without such directions are copied. The result
-    /// equals that of [`Self::transfer`] on `merged` but for the rounding of that addition.
-    pub fn transfer_with_virtual(
+    /// equals that of `transfer` on `merged` but for the rounding of that addition.
+    ///
+    /// Light on real surfaces comes from virtual ones alone (Eq. 14), light on virtual surfaces
+    /// from all; without virtual pixels or radiance it is zero everywhere. Panics where a picture has not the
+    /// size of its buffer, or merged buffers not those of the real ones.
+    pub fn transfer_and_bounce(
         &mut self,
         real: Buffers,
         merged: Buffers,
+        radiance: Option<Radiance>,
         real_transfer: &TransferMap,
         out: &mut TransferMap,
+        indirect: &mut IndirectMap,
     ) {
-        let (main, auxiliary) = merged;
-        let grid = self.grid(main);
-        let same_views = real.0.size() == main.size() && real.1.len() == auxiliary.len();
-        if !real_transfer.fits(self.params.bands, &grid) || !same_views {
-            return self.transfer(main, auxiliary, out);
+        assert!(sizes(real).eq(sizes(merged)), "merged buffers");
+        let grid = self.grid(merged.0);
+        if real_transfer.fits(self.params.bands, &grid) {
+            out.reshape(self.params.bands, &grid);
+            out.coefficients.copy_from_slice(&real_transfer.coefficients);
+            if !self.is_prepared(real) {
+                self.prepare(real);
+            }
+        } else {
+            self.transfer(real.0, real.1, out);
         }
-        out.reshape(self.params.bands, &grid);
-        out.coefficients.copy_from_slice(&real_transfer.coefficients);
-        if !shows_virtual(merged) {
+        indirect.reshape(&grid);
+        indirect.rgb.fill([0.0; 3]);
+        self.insert(merged);
+        if !self.occluders.iter().any(Occluder::shows_virtual) {
             return;
         }
-        std::mem::swap(&mut self.occluders, &mut self.real_occluders);
-        self.prepare(real, false);
-        std::mem::swap(&mut self.occluders, &mut self.real_occluders);
-        self.prepare(merged, false);
-        self.find_changed(merged, true);
-        let (pass, scratch) = self.pass(main, grid);
+        let strength = self.bounce.strength;
+        let bounce = radiance
+            .filter(|_| self.bounce.enabled)
+            .map(|radiance| BounceInput::new(merged, radiance, strength));
+        let (pass, scratch) = self.pass(merged.0, grid);
         let row_length = grid.width * sh::coefficients(pass.set.bands());
-        for_blocks(&mut out.coefficients, row_length, &grid, scratch, |top, rows, scratch| {
-            update_blocks(&pass, real.0, top, rows, scratch);
-        });
-    }
-
-    /// One bounce of light, with `radiance` leaving the pixels of each buffer.
-    ///
-    /// Light on real surfaces comes from virtual ones alone (Eq. 14), light on virtual surfaces
-    /// from all; without virtual pixels it is zero everywhere. Panics where a picture has not the
-    /// size of its buffer.
-    pub fn bounce(
-        &mut self,
-        merged: Buffers,
-        radiance: (&Image<[f32; 3]>, &[Image<[f32; 3]>]),
-        out: &mut IndirectMap,
-    ) {
-        let (main, auxiliary) = merged;
-        let grid = self.grid(main);
-        assert_eq!(radiance.0.size(), main.size(), "radiance of the main buffer");
-        assert!(
-            radiance.1.iter().map(Image::size).eq(auxiliary.iter().map(GBuffer::size)),
-            "radiance of the auxiliary buffers"
-        );
-        out.reshape(&grid);
-        if !self.bounce.enabled || !shows_virtual(merged) {
-            out.rgb.fill([0.0; 3]);
-            return;
-        }
-        self.prepare(merged, true);
-        self.find_changed(merged, false);
-        let input = BounceInput { buffers: merged, radiance, strength: self.bounce.strength };
-        let (pass, scratch) = self.pass(main, grid);
-        for_blocks(&mut out.rgb, grid.width, &grid, scratch, |top, rows, scratch| {
-            bounce_blocks(&pass, &input, top, rows, scratch);
-        });
+        let (block, piece) = (grid.block_rows(), piece_rows(&grid, scratch.len()));
+        (out.coefficients.par_chunks_mut(piece * row_length))
+            .zip(indirect.rgb.par_chunks_mut(piece * grid.width))
+            .zip(scratch)
+            .enumerate()
+            .for_each(|(at, ((transfer, indirect), scratch))| {
+                let blocks = (transfer.chunks_mut(block * row_length))
+                    .zip(indirect.chunks_mut(block * grid.width));
+                for (k, rows) in blocks.enumerate() {
+                    let top = at * piece + k * block;
+                    update_blocks(&pass, bounce.as_ref(), top, rows, scratch);
+                }
+            });
     }
 
     fn grid(&self, main: &GBuffer) -> Grid {
         Grid::new(main.size(), self.params.subsampling, self.set.tile())
     }
 
-    fn prepare(&mut self, (main, auxiliary): Buffers, track: bool) {
+    fn prepare(&mut self, (main, auxiliary): Buffers) {
         self.occluders.resize_with(1 + auxiliary.len(), Occluder::default);
         let buffers = std::iter::once(main).chain(auxiliary);
         for (occluder, buffer) in self.occluders.iter_mut().zip(buffers) {
             occluder.prepare(buffer, &main.view, &self.set, self.params.bias_m);
         }
         for scratch in &mut self.scratch {
-            scratch.reserve(&self.set, track);
+            scratch.reserve(&self.set);
         }
     }
 
-    /// Where the occluders show virtual objects, and with `against_real` what was there before.
-    fn find_changed(&mut self, (main, auxiliary): Buffers, against_real: bool) {
-        let mut count = 0;
-        for (k, buffer) in std::iter::once(main).chain(auxiliary).enumerate() {
-            if self.changed.len() <= count {
-                self.changed.push(Occluder::default());
-            }
-            let real = against_real.then(|| &self.real_occluders[k]);
-            let changed = &mut self.changed[count];
-            count += usize::from(changed.prepare_changed(&self.occluders[k], real, &buffer.origin));
-        }
-        self.changed.truncate(count);
+    fn is_prepared(&self, (main, auxiliary): Buffers) -> bool {
+        let views = std::iter::once(main).chain(auxiliary).map(|buffer| &buffer.view);
+        self.occluders.len() == 1 + auxiliary.len()
+            && self.occluders.iter().zip(views).all(|(o, view)| o.view.shows(view, &main.view))
+    }
+
+    fn insert(&mut self, (main, auxiliary): Buffers) {
+        let bias_m = self.params.bias_m;
+        let (first, others) = self.occluders.split_first_mut().expect("prepared");
+        rayon::join(
+            || first.insert(main, bias_m),
+            || {
+                let pairs = others.iter_mut().zip(auxiliary);
+                pairs.for_each(|(occluder, buffer)| occluder.insert(buffer, bias_m));
+            },
+        );
     }
 
     fn pass<'a>(&'a mut self, main: &'a GBuffer, grid: Grid) -> (Pass<'a>, &'a mut [Scratch]) {
@@ -184,16 +174,19 @@ impl RadianceTransfer {
             world_from_main: main.view.world_from_view_f32(),
             set: &self.set,
             occluders: &self.occluders,
-            real_occluders: &self.real_occluders,
-            changed: &self.changed,
         };
         (pass, &mut self.scratch)
     }
 }
 
-/// Whether any buffer shows a virtual object.
-fn shows_virtual((main, auxiliary): Buffers) -> bool {
-    std::iter::once(main).chain(auxiliary).any(|b| b.origin.as_slice().contains(&Origin::Virtual))
+fn sizes<'a>((main, auxiliary): Buffers<'a>) -> impl Iterator<Item = Size> + use<'a> {
+    std::iter::once(main).chain(auxiliary).map(GBuffer::size)
+}
+
+/// Rows of the grid in a piece: whole rows of blocks.
+fn piece_rows(grid: &Grid, pieces: usize) -> usize {
+    let block = grid.block_rows();
+    grid.height.div_ceil(block).div_ceil(pieces).max(1) * block
 }
 
 /// Runs `kernel(first row, rows, scratch)` over all rows of blocks in parallel, with the same pieces for
@@ -208,12 +201,11 @@ fn for_blocks<T: Send>(
     if row_length == 0 {
         return;
     }
-    let block = grid.block_rows();
-    let blocks = grid.height.div_ceil(block).div_ceil(scratch.len()).max(1);
-    data.par_chunks_mut(blocks * block * row_length).zip(scratch).enumerate().for_each(
-        |(piece, (chunk, scratch))| {
-            for (k, rows) in chunk.chunks_mut(block * row_length).enumerate() {
-                kernel((piece * blocks + k) * block, rows, scratch);
+    let (block, piece) = (grid.block_rows(), piece_rows(grid, scratch.len()));
+    data.par_chunks_mut(piece * row_length).zip(scratch).enumerate().for_each(
+        |(k, (chunk, scratch))| {
+            for (block_row, rows) in chunk.chunks_mut(block * row_length).enumerate() {
+                kernel(k * piece + block_row * block, rows, scratch);
             }
         },
     );
@@ -226,7 +218,13 @@ fn for_blocks<T: Send>(
 fn transfer_blocks(pass: &Pass, top: usize, rows: &mut [f32], scratch: &mut Scratch) {
     for (left, cell) in pass.grid.batches() {
         let batch = Batch::gather(pass.main, &pass.receivers, &pass.grid, (left, top), cell);
-        transfer_batch(pass, &batch, rows, scratch);
+        if !batch.any_valid() {
+            write_nothing(pass, &batch, rows);
+            continue;
+        }
+        let sum = scratch.face(&batch, pass.set);
+        scratch.look_real(&batch, pass.set, pass.occluders);
+        write_transfer(pass, &batch, &sum, rows, scratch);
     }
 }
 
@@ -234,32 +232,66 @@ fn transfer_blocks(pass: &Pass, top: usize, rows: &mut [f32], scratch: &mut Scra
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
     "x86_64+avx2+fma+bmi2"
 ))]
-fn update_blocks(pass: &Pass, real: &GBuffer, top: usize, rows: &mut [f32], scratch: &mut Scratch) {
+fn update_blocks(
+    pass: &Pass,
+    bounce: Option<&BounceInput>,
+    top: usize,
+    (transfer, indirect): (&mut [f32], &mut [[f32; 3]]),
+    scratch: &mut Scratch,
+) {
+    let origin = pass.main.origin.as_slice();
     for (left, cell) in pass.grid.batches() {
         let batch = Batch::gather(pass.main, &pass.receivers, &pass.grid, (left, top), cell);
-        let before = Batch::gather(real, &pass.receivers, &pass.grid, (left, top), cell);
-        let moved = batch.x != before.x || batch.n != before.n || batch.valid != before.valid;
-        if moved {
-            transfer_batch(pass, &batch, rows, scratch);
-        } else if batch.any_valid() {
-            update_batch(pass, &batch, rows, scratch);
+        let on_virtual: [bool; LANES] =
+            std::array::from_fn(|i| batch.inside[i] & (origin[batch.pixel[i]] == Origin::Virtual));
+        let whole = on_virtual.contains(&true);
+        if !batch.any_valid() {
+            if whole {
+                write_nothing(pass, &batch, transfer);
+            }
+            continue;
         }
+        let sum = scratch.face(&batch, pass.set);
+        if whole {
+            scratch.look_merged::<false>(&batch, pass.set, pass.occluders);
+        } else {
+            scratch.narrow(&batch, pass.set, pass.occluders);
+            if scratch.active.is_empty() {
+                continue;
+            }
+            scratch.look_merged::<true>(&batch, pass.set, pass.occluders);
+        }
+        if let Some(bounce) = bounce {
+            bounce.write(pass, &batch, &on_virtual, &sum, scratch, indirect);
+        }
+        if whole {
+            write_transfer(pass, &batch, &sum, transfer, scratch);
+        } else {
+            add_difference(pass, &batch, &sum, transfer, scratch);
+        }
+    }
+}
+
+#[inline(always)]
+fn write_nothing(pass: &Pass, batch: &Batch, out: &mut [f32]) {
+    let n = sh::coefficients(pass.set.bands());
+    for i in (0..LANES).filter(|&i| batch.inside[i]) {
+        out[batch.index[i] * n..][..n].fill(0.0);
     }
 }
 
 /// T = T_unoccluded - sum_j (1 - K_j) c_j Y_j / sum_j c_j with c_j = max(0, n.w_j).
 #[inline(always)]
-fn transfer_batch(pass: &Pass, batch: &Batch, out: &mut [f32], scratch: &mut Scratch) {
+fn write_transfer(
+    pass: &Pass,
+    batch: &Batch,
+    sum: &[f32; LANES],
+    out: &mut [f32],
+    scratch: &mut Scratch,
+) {
     let bands = pass.set.bands();
     let n = sh::coefficients(bands);
-    if !batch.any_valid() {
-        for i in (0..LANES).filter(|&i| batch.inside[i]) {
-            out[batch.index[i] * n..][..n].fill(0.0);
-        }
-        return;
-    }
-    let inverse_sum = inverse_or_zero(&scratch.face(batch, pass.set));
-    scratch.look::<false>(batch, pass.set, pass.occluders);
+    let inverse_sum = inverse_or_zero(sum);
     // Keep the directions that hide anything.
     let mut kept = 0;
     for k in 0..scratch.active.len() {
@@ -295,24 +327,17 @@ fn transfer_batch(pass: &Pass, batch: &Batch, out: &mut [f32], scratch: &mut Scr
 
 /// Adds to the transfer of real geometry what virtual geometry changes in it.
 #[inline(always)]
-fn update_batch(pass: &Pass, batch: &Batch, out: &mut [f32], scratch: &mut Scratch) {
-    let inverse_sum = inverse_or_zero(&scratch.face(batch, pass.set));
-    scratch.narrow(batch, pass.set, pass.changed);
-    if scratch.active.is_empty() {
-        return;
-    }
-    let chi = pass.set.chi;
-    scratch.look::<false>(batch, pass.set, pass.real_occluders);
-    for k in 0..scratch.active.len() {
-        scratch.share[k] = scratch.hidden_share(k, chi, &inverse_sum);
-    }
-    scratch.look::<false>(batch, pass.set, pass.occluders);
+fn add_difference(
+    pass: &Pass,
+    batch: &Batch,
+    sum: &[f32; LANES],
+    out: &mut [f32],
+    scratch: &mut Scratch,
+) {
+    let inverse_sum = inverse_or_zero(sum);
     let mut kept = 0;
     for k in 0..scratch.active.len() {
-        let mut share = scratch.hidden_share(k, chi, &inverse_sum);
-        for i in 0..LANES {
-            share[i] -= scratch.share[k][i];
-        }
+        let share = scratch.added_share(k, pass.set.chi, &inverse_sum);
         if any_nonzero(&share) {
             scratch.share[kept] = share;
             scratch.active[kept] = scratch.active[k];

@@ -1,8 +1,8 @@
 //! The RadTransfer stage by either method.
 
 use super::{
-    BounceParams, RadianceTransfer, RayTracedTransfer, TransferError, TransferMap, TransferMethod,
-    TransferParams,
+    BounceParams, IndirectMap, Radiance, RadianceTransfer, RayTracedTransfer, TransferError,
+    TransferMap, TransferMethod, TransferParams,
 };
 use crate::fusion::TsdfVolume;
 use crate::geometry::GBuffer;
@@ -22,6 +22,8 @@ pub struct MergedScene<'a> {
     pub objects: &'a VirtualScene,
     pub main: &'a GBuffer,
     pub auxiliary: &'a [GBuffer],
+    /// What leaves the buffers' pixels; without it there is no bounce.
+    pub radiance: Option<Radiance<'a>>,
 }
 
 /// Radiance transfer by the method that the settings ask for; boxed, as the two differ much in size.
@@ -50,21 +52,25 @@ impl TransferStage {
         }
     }
 
-    /// Transfer of the real scene and virtual objects together; `real_transfer` is what the last call
-    /// of [`Self::transfer`] made of `real`.
-    pub fn transfer_with_virtual(
+    /// Transfer of the real scene and virtual objects together, and one bounce of light;
+    /// `real_transfer` is what the last call of [`Self::transfer`] made of `real`. Ray-traced transfer
+    /// has no bounce and leaves `indirect` as it is.
+    pub fn transfer_and_bounce(
         &mut self,
         real: RealScene,
         merged: MergedScene,
         real_transfer: &TransferMap,
         out: &mut TransferMap,
+        indirect: &mut IndirectMap,
     ) {
         match self {
-            Self::ImageSpace(stage) => stage.transfer_with_virtual(
+            Self::ImageSpace(stage) => stage.transfer_and_bounce(
                 (real.main, real.auxiliary),
                 (merged.main, merged.auxiliary),
+                merged.radiance,
                 real_transfer,
                 out,
+                indirect,
             ),
             Self::RayTraced(stage) => stage.transfer_with_virtual(
                 real.volume,
@@ -73,14 +79,6 @@ impl TransferStage {
                 real_transfer,
                 out,
             ),
-        }
-    }
-
-    /// The stage that adds one bounce; ray-traced transfer has none.
-    pub fn bounce_stage(&mut self) -> Option<&mut RadianceTransfer> {
-        match self {
-            Self::ImageSpace(stage) => Some(stage),
-            Self::RayTraced(_) => None,
         }
     }
 }

@@ -47,14 +47,26 @@ impl Insertion {
         main.view.world_from_view_f32().transform_point3(in_view)
     }
 
+    /// Real transfer, then transfer with virtual objects, and the bounce.
+    fn run(
+        &self,
+        stage: &mut RadianceTransfer,
+        radiance: Option<Radiance>,
+    ) -> (TransferMap, IndirectMap) {
+        let (mut real, mut out) = (TransferMap::default(), TransferMap::default());
+        let mut indirect = IndirectMap { rgb: vec![[f32::NAN; 3]; 5], ..IndirectMap::default() };
+        stage.transfer(self.real().0, self.real().1, &mut real);
+        let buffers = (self.real(), self.merged());
+        stage.transfer_and_bounce(buffers.0, buffers.1, radiance, &real, &mut out, &mut indirect);
+        (out, indirect)
+    }
+
     /// The bounce with the same radiance everywhere.
     fn bounce(&self, stage: &mut RadianceTransfer, radiance: [f32; 3]) -> IndirectMap {
         let main = Image::new(self.merged.0.size(), radiance);
         let auxiliary: Vec<_> =
             self.merged.1.iter().map(|b| Image::new(b.size(), radiance)).collect();
-        let mut out = IndirectMap { rgb: vec![[f32::NAN; 3]; 5], ..IndirectMap::default() };
-        stage.bounce(self.merged(), (&main, &auxiliary), &mut out);
-        out
+        self.run(stage, Some((&main, &auxiliary))).1
     }
 }
 
@@ -79,16 +91,17 @@ fn only_what_virtual_pixels_reach_is_redone_and_all_else_keeps_its_bits() {
         let mut stage = stage(&params);
         let mut real = TransferMap::default();
         stage.transfer(scene.real().0, scene.real().1, &mut real);
-        let mut whole = TransferMap::default();
-        stage.transfer(scene.merged().0, scene.merged().1, &mut whole);
+        let whole = transferred(&params, scene.merged().0, scene.merged().1);
         assert_ne!(real, whole);
-        let mut out = TransferMap::default();
-        stage.transfer_with_virtual(scene.real(), scene.merged(), &real, &mut out);
+        let (mut out, mut indirect) = (TransferMap::default(), IndirectMap::default());
+        let buffers = (scene.real(), scene.merged());
+        stage.transfer_and_bounce(buffers.0, buffers.1, None, &real, &mut out, &mut indirect);
+        assert!(indirect.rgb.iter().all(|c| *c == [0.0; 3]));
         assert!(difference(&out, &whole) < ROUNDING, "step {step}: {}", difference(&out, &whole));
         // Marked values show what was copied.
         let mut marked = real.clone();
         marked.coefficients.fill(7.0);
-        stage.transfer_with_virtual(scene.real(), scene.merged(), &marked, &mut out);
+        stage.transfer_and_bounce(buffers.0, buffers.1, None, &marked, &mut out, &mut indirect);
         let copied = out.coefficients.chunks(16).filter(|c| c[0] == 7.0).count();
         if radius_m < 0.4 {
             assert!(copied * 3 > out.grid.pixels(), "{copied} of {}", out.grid.pixels());
@@ -108,9 +121,7 @@ fn without_virtual_pixels_all_stays_as_it_was() {
     let mut stage = stage(&TransferParams::default());
     let mut real = TransferMap::default();
     stage.transfer(scene.real().0, scene.real().1, &mut real);
-    let mut out = TransferMap::default();
-    stage.transfer_with_virtual(scene.real(), scene.merged(), &real, &mut out);
-    assert_eq!(out, real);
+    assert_eq!(scene.run(&mut stage, None).0, real);
     let bounce = scene.bounce(&mut stage, [1.0; 3]);
     assert_eq!(bounce.rgb.len(), bounce.grid.pixels());
     assert!(bounce.rgb.iter().all(|c| *c == [0.0; 3]));
@@ -125,9 +136,130 @@ fn a_map_of_other_settings_is_not_trusted() {
         scene.real().0,
         scene.real().1,
     );
-    let mut out = TransferMap::default();
-    stage.transfer_with_virtual(scene.real(), scene.merged(), &other, &mut out);
-    assert_eq!(out, transferred(stage.params(), scene.merged().0, scene.merged().1));
+    let (mut out, mut indirect) = (TransferMap::default(), IndirectMap::default());
+    let buffers = (scene.real(), scene.merged());
+    stage.transfer_and_bounce(buffers.0, buffers.1, None, &other, &mut out, &mut indirect);
+    let whole = transferred(stage.params(), scene.merged().0, scene.merged().1);
+    assert!(difference(&out, &whole) < ROUNDING);
+}
+
+/// Every point, direction, sample and view by itself, and nothing left out: the definitions of the module
+/// [`super::bounce`] and of Eq. 7 and 8 in plain f64, apart from the transfer's kernels.
+fn bounce_of_point(
+    set: &DirectionSet,
+    buffers: Buffers,
+    radiance: &[&Image<[f32; 3]>],
+    cell: (usize, usize),
+    pixel: (usize, usize),
+) -> Option<Vec3> {
+    let views: Vec<_> = std::iter::once(buffers.0).chain(buffers.1).collect();
+    let bias_m = f64::from(TransferParams::default().bias_m);
+    let surface = |b: &GBuffer, (u, v): (usize, usize)| {
+        let in_view = b.view.unproject(Vec2::new(u as f32, v as f32), b.depth_m[(u, v)]);
+        b.view.world_from_view_f32().transform_point3(in_view).as_dvec3()
+    };
+    let main = views[0];
+    if main.depth_m[pixel] <= 0.0 {
+        return None;
+    }
+    let n = main.normals.at(pixel.0, pixel.1).as_dvec3();
+    let x = surface(main, pixel) + bias_m * n;
+    let on_virtual = main.origin[pixel] == Origin::Virtual;
+    let (mut light, mut sum) = (Vec3::ZERO, 0.0);
+    for (k, w) in set.directions.iter().map(|w| w.as_dvec3()).enumerate() {
+        let cosine = n.dot(w);
+        if cosine <= 0.0 {
+            continue;
+        }
+        sum += cosine as f32;
+        let mut best = (-2.0, None);
+        for sample in 0..set.samples {
+            let y = x + f64::from(set.distance_m(k, sample, cell.0, cell.1)) * w;
+            for (at, b) in views.iter().enumerate() {
+                let in_view = b.view.world_from_view_f32().inverse().transform_point3(y.as_vec3());
+                let (scale, centre) = b.view.scale_and_centre();
+                let z = if b.view.is_perspective() { in_view.z } else { 1.0 };
+                let seen = (in_view.truncate() * scale / z + centre + 0.5).floor();
+                let size = b.size();
+                let inside = seen.cmpge(Vec2::ZERO).all()
+                    && seen.cmplt(Vec2::new(size.width as f32, size.height as f32)).all();
+                if z <= 0.0 || !inside {
+                    continue;
+                }
+                let at_pixel = (seen.x as usize, seen.y as usize);
+                let limit = limits::limit_m(b, at_pixel, bias_m as f32);
+                if in_view.z <= limit {
+                    continue;
+                }
+                // s lies on the sample's own ray into the view, at the limit's depth.
+                let depth = limit - bias_m as f32;
+                let s = if b.view.is_perspective() {
+                    in_view * (depth / in_view.z)
+                } else {
+                    in_view.with_z(depth)
+                };
+                let t = b.view.world_from_view_f32().transform_point3(s).as_dvec3() - x;
+                let fit = t.dot(w) / t.length().max(1e-20);
+                if t.dot(n) > 0.0 && fit > best.0 {
+                    best = (fit, Some((at, at_pixel)));
+                }
+            }
+        }
+        let chi = f64::from(set.chi);
+        let hidden = ((best.0 - (1.0 - chi)) / chi).clamp(0.0, 1.0);
+        let Some((at, hit)) = best.1.filter(|_| hidden > 0.0) else { continue };
+        let b = views[at];
+        let faces = b.normals.at(hit.0, hit.1).as_dvec3().dot(x - surface(b, hit)) > 0.0;
+        if faces && (on_virtual || b.origin[hit] == Origin::Virtual) {
+            light += (hidden * cosine) as f32 * Vec3::from(radiance[at][hit]);
+        }
+    }
+    Some(light / sum)
+}
+
+#[test]
+fn the_bounce_is_what_every_sample_by_itself_gives() {
+    let scene = Insertion::ball();
+    for step in [1, 4] {
+        let params = TransferParams { subsampling: step, ..TransferParams::default() };
+        let mut stage = stage(&params);
+        let mut rng = crate::math::random::Rng::new(&[5]);
+        let mut noise = |b: &GBuffer| {
+            let pixels = (0..b.size().pixels()).map(|_| [rng.uniform(); 3]).collect();
+            Image::from_vec(b.size(), pixels)
+        };
+        let main = noise(&scene.merged.0);
+        let auxiliary: Vec<_> = scene.merged.1.iter().map(&mut noise).collect();
+        let found = scene.run(&mut stage, Some((&main, &auxiliary))).1;
+        let radiance: Vec<_> = std::iter::once(&main).chain(&auxiliary).collect();
+        let (mut wrong, mut lit) = (0, 0);
+        for j in 0..found.grid.height {
+            for i in 0..found.grid.width {
+                let pixel = found.pixel(i, j, scene.merged.0.size());
+                let set = stage.direction_set();
+                let expected = bounce_of_point(set, scene.merged(), &radiance, (i, j), pixel);
+                let (expected, found) =
+                    (expected.unwrap_or(Vec3::ZERO), Vec3::from(found.at(i, j)));
+                lit += usize::from(found.x > 0.0);
+                wrong += usize::from((expected - found).abs().max_element() > 1e-4);
+            }
+        }
+        println!("step {step}: {lit} points are lit, {wrong} differ");
+        // Samples that fall on the border of two pixels, and surfaces that fit equally well.
+        assert!(lit > 100 / step && wrong * 50 < lit, "{wrong} of {lit}");
+    }
+}
+
+#[test]
+fn the_bounce_leaves_the_transfer_as_it_is() {
+    let scene = Insertion::ball();
+    let mut stage = stage(&TransferParams::default());
+    let main = Image::new(scene.merged.0.size(), [1.0; 3]);
+    let auxiliary: Vec<_> = scene.merged.1.iter().map(|b| Image::new(b.size(), [1.0; 3])).collect();
+    let (alone, dark) = scene.run(&mut stage, None);
+    let (together, lit) = scene.run(&mut stage, Some((&main, &auxiliary)));
+    assert_eq!(alone, together);
+    assert!(sum(&dark) == Vec3::ZERO && sum(&lit).x > 1.0);
 }
 
 #[test]
@@ -148,8 +280,7 @@ fn real_surfaces_take_light_from_virtual_ones_alone() {
         Image::from_vec(buffer.size(), pixels)
     };
     let auxiliary: Vec<_> = scene.merged.1.iter().map(colours).collect();
-    let mut out = IndirectMap::default();
-    stage.bounce(scene.merged(), (&colours(&scene.merged.0), &auxiliary), &mut out);
+    let out = scene.run(&mut stage, Some((&colours(&scene.merged.0), &auxiliary))).1;
     let (mut floor, mut ball) = (Vec3::ZERO, Vec3::ZERO);
     for (k, c) in out.rgb.iter().enumerate() {
         match on(k, &out) {
