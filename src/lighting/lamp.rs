@@ -28,6 +28,10 @@ const TURNS: usize = 8;
 /// Part of the samples must speak for another place by this much before all are asked.
 const CLEARLY_BETTER: f64 = 1.01;
 
+/// A known lamp moves where that explains this share of the picture more: places and distances that explain
+/// the same lie in a long valley, along which noise alone would carry it.
+const REASON_TO_MOVE: f64 = 5e-4;
+
 /// Steps around a place, in radians and in the logarithm of the distance, from about half the spacing of the
 /// first search down to 0.07 degrees.
 const COLD_STEPS: [f32; 5] = [0.25, 0.15, 0.09, 0.06, 0.04];
@@ -270,9 +274,7 @@ impl LampField {
         let near = near && extent_m > 0.0;
         let search = Search { design, centre, extent_m, near };
         let (gain, best) = match last {
-            None => {
-                search.refine(search.refine(search.coarse(0, 1)?.1, &COLD_STEPS).1, &WARM_STEPS)
-            }
+            None => search.descend(search.coarse(0, 1)?.1),
             Some(lamp) => search.follow(lamp.seen_from(centre), turn),
         };
         (gain > 0.0).then(|| Self { lamp: best.lamp(centre), centre, channels: Vec::new() })
@@ -340,11 +342,11 @@ impl Search<'_> {
     /// The best place near the last one, unless another is clearly better.
     fn follow(&self, last: Candidate, turn: usize) -> (f64, Candidate) {
         let last = if self.near { last } else { Candidate { distance_m: None, ..last } };
-        let here = self.refine(last, &WARM_STEPS);
+        let here = self.refine(last, &WARM_STEPS, REASON_TO_MOVE);
         let part = self.best_of(&[here.1], self.part()).map_or(0.0, |(gain, _)| gain);
         match self.coarse(turn % TURNS, TURNS) {
             Some((gain, other)) if gain > CLEARLY_BETTER * part => {
-                let there = self.refine(self.refine(other, &COLD_STEPS).1, &WARM_STEPS);
+                let there = self.descend(other);
                 if there.0 > CLEARLY_BETTER * here.0 { there } else { here }
             }
             _ => here,
@@ -374,12 +376,17 @@ impl Search<'_> {
         self.best_of(&candidates, self.part())
     }
 
-    fn refine(&self, start: Candidate, steps: &[f32]) -> (f64, Candidate) {
+    fn descend(&self, start: Candidate) -> (f64, Candidate) {
+        self.refine(self.refine(start, &COLD_STEPS, 0.0).1, &WARM_STEPS, 0.0)
+    }
+
+    fn refine(&self, start: Candidate, steps: &[f32], reason: f64) -> (f64, Candidate) {
         let mut best = self.best_of(&[start], 1).unwrap_or((0.0, start));
         for &step in steps {
             let mut around = best.1.neighbours(step, FAR * self.extent_m);
             around.retain(|c| self.near || c.distance_m.is_none());
-            if let Some(better) = self.best_of(&around, 1).filter(|b| b.0 > best.0) {
+            if let Some(better) = self.best_of(&around, 1).filter(|b| b.0 > (1.0 + reason) * best.0)
+            {
                 best = better;
             }
         }
