@@ -479,7 +479,10 @@ mod tests {
             lamp = search(&bank, true, Some(&lamp), turn).unwrap().lamp;
         }
         let Lamp::Near { position } = lamp else { panic!("{lamp:?}") };
-        assert!(position.distance(at) < 0.1, "{position}");
+        // Of 2.05 m. Moves that gain less than their reason are left out: measured 0.29 m, most of it along
+        // the line of sight.
+        assert!(position.distance(at) < 0.4, "{position}");
+        assert!(position.angle_between(at) < 0.1, "{position}");
     }
 
     #[test]
