@@ -51,7 +51,8 @@ fn measure(folder: &Path, truth: &TrueWorld, settings: Settings, rays: usize) ->
             .expect("surfaces"),
         with_geometry: transfer_error(map, &truth.seen_in(&truth.view), true_rays, &exact)
             .expect("surfaces"),
-        own_mesh: transfer_error(map, real, |p, d| own.occluded(p, d), &options).expect("surfaces"),
+        own_mesh: transfer_error(map, real, |p, d| own.occluded(p, d, f32::INFINITY), &options)
+            .expect("surfaces"),
     }
 }
 

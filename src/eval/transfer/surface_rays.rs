@@ -5,7 +5,7 @@ use crate::mesh::TriangleMesh;
 use crate::synth::mesh::{Mesh, MeshData};
 use glam::{Vec3, Vec3A};
 
-/// A triangle mesh that answers whether a ray of unlimited length meets it.
+/// A triangle mesh that answers whether a ray meets it.
 #[derive(Clone, Debug)]
 pub struct SurfaceRays {
     mesh: Mesh,
@@ -24,8 +24,9 @@ impl SurfaceRays {
         Self { mesh: Mesh::new(data) }
     }
 
-    pub fn occluded(&self, point: Vec3, direction: Vec3) -> bool {
+    /// `direction` is of unit length; infinity looks everywhere.
+    pub fn occluded(&self, point: Vec3, direction: Vec3, max_distance_m: f32) -> bool {
         let ray = Ray::new(point.into(), direction.into());
-        self.mesh.is_hit(&ray, f32::INFINITY)
+        self.mesh.is_hit(&ray, max_distance_m)
     }
 }

@@ -93,7 +93,12 @@ fn wall_mesh(x: f32, height: f32) -> TriangleMesh {
 fn a_long_wall_hides_its_form_factor() {
     let (x, height) = (1.3f32, 0.7f32);
     let rays = SurfaceRays::new(&wall_mesh(x, height));
-    let error = transfer_error(&open(1, 4), &floor(), |p, d| rays.occluded(p, d), &options(RAYS));
+    let error = transfer_error(
+        &open(1, 4),
+        &floor(),
+        |p, d| rays.occluded(p, d, f32::INFINITY),
+        &options(RAYS),
+    );
     // A strip beside a patch in its plane hides (1 - cos) / 2 of it, for the angle to its upper edge.
     let expected: f64 = (0..9)
         .map(|i| {
@@ -165,7 +170,7 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
     let rays = SurfaceRays::new(&wall_mesh(0.4, 1.0));
     let measured = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let occluded = |p: Vec3, d: Vec3| rays.occluded(p, d);
+        let occluded = |p: Vec3, d: Vec3| rays.occluded(p, d, f32::INFINITY);
         pool.install(|| transfer_error(&open(1, 4), &floor(), occluded, &options(500)).unwrap())
     };
     assert_eq!(measured(1), measured(3));

@@ -4,6 +4,7 @@
 use super::super::StudyError;
 use crate::eval::EvalError;
 use crate::eval::transfer::{SurfaceRays, TransferErrorOptions, transfer_error};
+use crate::geometry::GBuffer;
 use crate::math::View;
 use crate::pipeline::{FrameOutcome, Pipeline};
 use crate::synth::{OPTIONS_FILE, SynthOptions, true_world};
@@ -14,8 +15,13 @@ use std::path::Path;
 /// The shipped sequence carries no options: it is what [`SynthOptions::demo`] makes.
 const DEMO: &str = "sequences/demo";
 
-/// Points are this far apart, pixels, whatever the step of the map.
-const SPACING: usize = 16;
+/// Points are this far apart, pixels: no multiple of a step, so that grid points and pixels between them
+/// count as they come.
+const SPACING: usize = 15;
+
+/// Rays are this long, the default reach of the transfer stage. Unlimited ones count walls outside the volume
+/// in the first place, which no setting finds; then whatever darkens most looks best.
+const RAY_LENGTH_M: f32 = 0.8;
 
 /// What rays are traced through.
 #[derive(Clone, Debug)]
@@ -52,13 +58,14 @@ impl TracedGeometry {
         let (Some((real, _)), Some(map)) = (pipeline.geometry(), pipeline.transfer()) else {
             return Ok(None);
         };
-        let options = options(map);
+        let map = &at_every_pixel(map, real);
+        let options = TransferErrorOptions { every: SPACING, ..TransferErrorOptions::default() };
         let world_from_camera = outcome.tracking.world_from_camera;
         let result = match self {
             Self::Made(made) => {
                 let world = true_world(made, outcome.index)?;
                 let view = View { world_from_view: world_from_camera, ..real.view };
-                let hit = |point, direction| world.occluded(point, direction, f32::INFINITY);
+                let hit = |point, direction| world.occluded(point, direction, RAY_LENGTH_M);
                 transfer_error(map, &world.seen_in(&view), hit, &options)
             }
             Self::Fused => {
@@ -67,7 +74,7 @@ impl TracedGeometry {
                 let local = real.view.world_from_view.translation.vector;
                 let offset = world_from_camera.translation.vector - local;
                 let offset = DVec3::from_array(offset.into()).as_vec3();
-                let hit = |point, direction| rays.occluded(point + offset, direction);
+                let hit = |point, direction| rays.occluded(point + offset, direction, RAY_LENGTH_M);
                 transfer_error(map, real, hit, &options)
             }
         };
@@ -79,7 +86,38 @@ impl TracedGeometry {
     }
 }
 
-fn options(map: &TransferMap) -> TransferErrorOptions {
-    let every = (SPACING / map.step.max(1)).max(1);
-    TransferErrorOptions { every, ..TransferErrorOptions::default() }
+/// The transfer that each pixel is lit with: that of the nearest of the grid points around it that lie on the
+/// same surface, as up-sampling has it.
+fn at_every_pixel(map: &TransferMap, surface: &GBuffer) -> TransferMap {
+    let size = surface.size();
+    let mut out = TransferMap { bands: map.bands, step: 1, grid: size, coefficients: Vec::new() };
+    out.coefficients.reserve(size.pixels() * map.bands * map.bands);
+    for y in 0..size.height {
+        for x in 0..size.width {
+            let (i, j) = grid_point(map, surface, x, y);
+            out.coefficients.extend_from_slice(map.at(i, j));
+        }
+    }
+    out
+}
+
+/// The least unlike of the nearest 3x3 grid points: pixels away, plus differences of depth and normal in
+/// units that separate surfaces.
+fn grid_point(map: &TransferMap, surface: &GBuffer, x: usize, y: usize) -> (usize, usize) {
+    const DEPTH_SHARE: f32 = 0.01;
+    const NORMAL: f32 = 0.1;
+    let around = |centre: usize, count: usize| centre.saturating_sub(1)..(centre + 2).min(count);
+    let (depth, normal) = (surface.depth_m[(x, y)], surface.normals.at(x, y));
+    let unlike = |i: usize, j: usize| {
+        let (u, v) = map.pixel(i, j, surface.size());
+        let away = (u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2)) as f32 / map.step.pow(2) as f32;
+        let deeper = (surface.depth_m[(u, v)] - depth).abs() / (DEPTH_SHARE * depth.max(1e-3));
+        let turned = (1.0 - surface.normals.at(u, v).dot(normal)) / NORMAL;
+        let sum = away + deeper + turned;
+        if sum.is_finite() { sum } else { f32::MAX }
+    };
+    let (width, height) = (map.grid.width, map.grid.height);
+    let all = around((y / map.step).min(height - 1), height)
+        .flat_map(|j| around((x / map.step).min(width - 1), width).map(move |i| (i, j)));
+    all.min_by(|&a, &b| unlike(a.0, a.1).total_cmp(&unlike(b.0, b.1))).expect("a grid has points")
 }
