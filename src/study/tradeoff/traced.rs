@@ -23,6 +23,9 @@ const SPACING: usize = 15;
 /// in the first place, which no setting finds; then whatever darkens most looks best.
 const RAY_LENGTH_M: f32 = 0.8;
 
+/// Errors are taken over as many bands for every setting: what a setting leaves out is an error.
+const BANDS: usize = 5;
+
 /// What rays are traced through.
 #[derive(Clone, Debug)]
 pub enum TracedGeometry {
@@ -90,12 +93,15 @@ impl TracedGeometry {
 /// same surface, as up-sampling has it.
 fn at_every_pixel(map: &TransferMap, surface: &GBuffer) -> TransferMap {
     let size = surface.size();
-    let mut out = TransferMap { bands: map.bands, step: 1, grid: size, coefficients: Vec::new() };
-    out.coefficients.reserve(size.pixels() * map.bands * map.bands);
+    let mut out = TransferMap { bands: BANDS, step: 1, grid: size, coefficients: Vec::new() };
+    out.coefficients.reserve(size.pixels() * BANDS * BANDS);
     for y in 0..size.height {
         for x in 0..size.width {
             let (i, j) = grid_point(map, surface, x, y);
-            out.coefficients.extend_from_slice(map.at(i, j));
+            let row = map.at(i, j);
+            let known = row.len().min(BANDS * BANDS);
+            out.coefficients.extend_from_slice(&row[..known]);
+            out.coefficients.resize(out.coefficients.len() + BANDS * BANDS - known, 0.0);
         }
     }
     out
