@@ -19,7 +19,7 @@ const FIRST_MEASURED: usize = 5;
 pub struct CompositeOptions {
     pub out: PathBuf,
     pub presets: Vec<String>,
-    /// See [`select`].
+    /// "all", "presets" for none, or keys of single variants.
     pub variants: Vec<String>,
     /// Sequences to make; none where that is not wanted.
     pub made: Option<MadeOptions>,
