@@ -181,6 +181,9 @@ impl LightEstimator {
             self.forget();
         }
         let present = self.present(seen);
+        if self.params.memory <= 0.0 {
+            self.fit.forget();
+        }
         self.bank.push(present, n, self.params.memory as f32);
         let solution = self.fit.explain(&mut self.bank, &self.params);
         let newest = self.bank.newest().expect("pushed above");
