@@ -164,10 +164,6 @@ impl Bank {
         batch
     }
 
-    pub fn give_back(&mut self, batch: Batch) {
-        self.spare.push(batch);
-    }
-
     pub fn clear(&mut self) {
         self.spare.extend(self.batches.drain(..));
     }

@@ -176,11 +176,12 @@ impl LightEstimator {
             self.forget();
             self.suspect = false;
         }
-        let changed = self.detect_change(seen)?;
+        let mut present = self.bank.blank();
+        self.samples.pick(seen, self.params.hidden_radiance, &mut present);
+        let changed = self.detect_change(&present)?;
         if changed {
             self.forget();
         }
-        let present = self.present(seen);
         if self.params.memory <= 0.0 {
             self.fit.forget();
         }
@@ -211,21 +212,12 @@ impl LightEstimator {
         })
     }
 
-    fn present(&mut self, seen: &Seen) -> Batch {
-        let mut batch = self.bank.blank();
-        self.samples.pick(seen, self.params.hidden_radiance, &mut batch);
-        batch
-    }
-
     /// Whether this frame shows another light than those before.
     ///
     /// The first frame whose surfaces are brighter or darker is refused: it may be a flash, or a hand before
     /// the lens. A second one that differs as much from the same picture decides.
-    fn detect_change(&mut self, seen: &Seen) -> Result<bool, Rejection> {
-        let present = self.present(seen);
-        let change = self.before.change(&present);
-        self.bank.give_back(present);
-        let Some(change) = change else {
+    fn detect_change(&mut self, present: &Batch) -> Result<bool, Rejection> {
+        let Some(change) = self.before.change(present) else {
             self.suspect = false;
             return Ok(false);
         };

@@ -128,10 +128,7 @@ impl Fit {
         let Scratch { gram, seen, channels, .. } = &mut self.scratch;
         gram.clear();
         seen.clear();
-        let planes = match params.channels {
-            LightChannels::Intensity => 1,
-            LightChannels::Rgb => 3,
-        };
+        let planes = channel_count(params);
         channels.resize(planes, Vec::new());
         channels.iter_mut().for_each(Vec::clear);
         for packet in bank.batches().flat_map(|b| &b.packets) {
@@ -159,29 +156,31 @@ impl Fit {
 
     /// Luminance of unit albedo under the lamp, for all packets of the bank.
     fn predict(&mut self, bank: &Bank) {
-        let (field, out) = (self.field.as_ref(), &mut self.scratch.predicted);
-        out.clear();
+        let mut predicted = std::mem::take(&mut self.scratch.predicted);
+        predicted.clear();
         for batch in bank.batches() {
-            let first = out.len();
-            out.resize(first + batch.packets.len(), [0.0; LANES]);
-            if let Some(field) = field {
-                let weights = channel_weights(field.channels.len());
-                field.shade(bank.coefficients(), batch, |c, k, shade| {
-                    for i in 0..LANES {
-                        out[first + k][i] += weights[c] * shade[i];
-                    }
-                });
-            }
+            self.add_under_lamp(batch, bank.coefficients(), &mut predicted);
         }
+        self.scratch.predicted = predicted;
+    }
+
+    /// Appends the luminance of unit albedo under the lamp, a row a packet; zero without a lamp.
+    fn add_under_lamp(&self, batch: &Batch, n: usize, out: &mut Vec<[f32; LANES]>) {
+        let first = out.len();
+        out.resize(first + batch.packets.len(), [0.0; LANES]);
+        let Some(field) = &self.field else { return };
+        let weights = channel_weights(field.channels.len());
+        field.shade(n, batch, |c, k, shade| {
+            for i in 0..LANES {
+                out[first + k][i] += weights[c] * shade[i];
+            }
+        });
     }
 
     /// Least squares on what the lamp leaves over.
     fn find_rest(&mut self, bank: &Bank, params: &LightParams) -> Solution {
         let n = bank.coefficients();
-        let channels = match params.channels {
-            LightChannels::Intensity => 1,
-            LightChannels::Rgb => 3,
-        };
+        let channels = channel_count(params);
         self.scratch.equations.reset(n, channels);
         for batch in bank.batches() {
             self.add_equations(batch, n, channels);
@@ -231,15 +230,8 @@ impl Fit {
 
     /// Calls `out(packet, luminance that the model shows)`.
     fn shade(&self, batch: &Batch, n: usize, mut out: impl FnMut(usize, [f32; LANES])) {
-        let mut lamp = vec![[0.0f32; LANES]; batch.packets.len()];
-        if let Some(field) = &self.field {
-            let weights = channel_weights(field.channels.len());
-            field.shade(n, batch, |c, k, shade| {
-                for i in 0..LANES {
-                    lamp[k][i] += weights[c] * shade[i];
-                }
-            });
-        }
+        let mut lamp = Vec::with_capacity(batch.packets.len());
+        self.add_under_lamp(batch, n, &mut lamp);
         for (k, packet) in batch.packets.iter().enumerate() {
             let albedo = self.albedos.of(&packet.class);
             let mut shade = lamp[k];
@@ -297,6 +289,13 @@ impl Fit {
         }
         let middle = median.len() / 2;
         1.4826 * *median.select_nth_unstable_by(middle, f32::total_cmp).1
+    }
+}
+
+fn channel_count(params: &LightParams) -> usize {
+    match params.channels {
+        LightChannels::Intensity => 1,
+        LightChannels::Rgb => 3,
     }
 }
 
