@@ -9,7 +9,7 @@ use crate::capture::FrameSource;
 use crate::config::Settings;
 use crate::eval::light::LightTruth;
 use crate::lighting::LightEstimator;
-use crate::output::atomic_write;
+use crate::output::{OutputError, atomic_write};
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;
 use serde::{Deserialize, Serialize};
@@ -152,10 +152,7 @@ fn observe(
 
 /// `study.json` and `summary.md` in `out`.
 pub fn write(study: &EstimatorStudy, out: &Path) -> Result<(), StudyError> {
-    std::fs::create_dir_all(out).map_err(|e| StudyError::File {
-        path: out.display().to_string(),
-        problem: e.to_string(),
-    })?;
+    std::fs::create_dir_all(out).map_err(|e| OutputError::io(out, e))?;
     atomic_write(&out.join("study.json"), |w| {
         serde_json::to_writer_pretty(&mut *w, study)?;
         writeln!(w)

@@ -37,6 +37,13 @@ pub enum StudyError {
     Options(String),
 }
 
+impl StudyError {
+    /// Of a file that a study reads.
+    pub fn file(path: &std::path::Path, problem: impl ToString) -> Self {
+        Self::File { path: path.display().to_string(), problem: problem.to_string() }
+    }
+}
+
 /// Median of the finite values: the mean of the two in the middle for an even count.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
