@@ -4,11 +4,12 @@
 //! The steps were chosen on some of the scenes; the others tell whether they hold elsewhere.
 
 use super::light::{LightPlan, sequence_name};
-use super::{Machine, SequenceStore, StudyError, each_frame, median, open_made};
+use super::{Machine, SequenceStore, StudyError, each_frame, open_made};
 use crate::capture::FrameSource;
 use crate::config::Settings;
 use crate::eval::light::LightTruth;
 use crate::lighting::LightEstimator;
+use crate::math::median;
 use crate::output::{OutputError, atomic_write};
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;

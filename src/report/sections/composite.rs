@@ -2,12 +2,12 @@
 
 use super::slider::{Choice, slider};
 use super::{Section, depth_name};
+use crate::math::median;
 use crate::report::markup::{escape, number, table, three_digits};
 use crate::report::pictures::{self, Budget};
 use crate::report::sources::{Found, Sources, picture_cases, pictures_in};
 use crate::report::statistics::mean;
 use crate::study::composite::{CompositeFrame, CompositeRun, CompositeStudy};
-use crate::study::median;
 use image::RgbImage;
 use std::path::Path;
 

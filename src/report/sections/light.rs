@@ -1,12 +1,12 @@
 //! Fig. 8 made again: where the light is seen, and how far that is off.
 
 use super::{Section, depth_name, figure, legend};
+use crate::math::median;
 use crate::report::figures::{angle_boxes, environment_dots};
 use crate::report::markup::{escape, number, table};
 use crate::report::pictures::{self, Budget};
 use crate::report::sources::{Found, Sources};
 use crate::study::light::{LightRun, LightStudy};
-use crate::study::median;
 use std::collections::BTreeSet;
 
 /// `None` without a light study.

@@ -3,10 +3,10 @@
 use super::Section;
 use super::composite::overall;
 use super::light::{median_angle, median_of};
+use crate::math::median;
 use crate::report::markup::{escape, factor, listed, number, table, three_digits};
 use crate::report::paper::{ROWS, TABLE_1};
 use crate::report::sources::Sources;
-use crate::study::median;
 use crate::timing::Stage;
 
 pub(in crate::report) fn section(sources: &Sources) -> Section {

@@ -9,8 +9,9 @@ use crate::config::Settings;
 use crate::eval::light::{LightSegment, LightTruth, angle_deg, scaled_relative_l2};
 use crate::image::Image;
 use crate::lighting::ShLight;
+use crate::math::median;
 use crate::pipeline::Pipeline;
-use crate::study::{StudyError, each_frame, median};
+use crate::study::{StudyError, each_frame};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

@@ -1,10 +1,11 @@
 //! The files of a light study.
 
 use super::record::{LightRun, LightStudy};
-use super::summary::{noise_name, quantile, summary};
+use super::summary::{noise_name, summary};
 use super::table::number;
 use crate::image::Image;
 use crate::math::color::{luminance, srgb8_from_linear};
+use crate::math::quantile;
 use crate::output::{atomic_write, write_color_png};
 use crate::study::StudyError;
 use crate::synth::{SynthOptions, environment_picture};
