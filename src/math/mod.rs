@@ -8,7 +8,7 @@ pub mod sh;
 mod statistics;
 mod view;
 
-pub use fibonacci::fibonacci_sphere;
+pub use fibonacci::{fibonacci_sphere, fibonacci_sphere_f64};
 pub use statistics::{median, quantile};
 pub use view::{Orthographic, Pinhole, Projection, View};
 

@@ -124,17 +124,7 @@ pub fn dominant_direction(coefficients: &[f32]) -> Option<Vec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Points of a Fibonacci sphere.
-    fn sphere(n: usize) -> impl Iterator<Item = DVec3> {
-        let golden = PI * (3.0 - 5f64.sqrt());
-        (0..n).map(move |i| {
-            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
-            let r = (1.0 - z * z).sqrt();
-            let phi = golden * i as f64;
-            DVec3::new(r * phi.cos(), r * phi.sin(), z)
-        })
-    }
+    use crate::math::fibonacci_sphere_f64;
 
     #[test]
     fn named_constants_and_signs() {
@@ -170,7 +160,7 @@ mod tests {
         let n = 20_000;
         let mut gram = vec![0.0; MAX_COEFFICIENTS * MAX_COEFFICIENTS];
         let mut y = [0.0; MAX_COEFFICIENTS];
-        for d in sphere(n) {
+        for d in fibonacci_sphere_f64(n) {
             basis_f64(d, MAX_BANDS, &mut y);
             for i in 0..MAX_COEFFICIENTS {
                 for j in 0..MAX_COEFFICIENTS {
@@ -193,7 +183,7 @@ mod tests {
         let n = 200_000;
         let mut sum = [0.0; MAX_COEFFICIENTS];
         let mut y = [0.0; MAX_COEFFICIENTS];
-        for d in sphere(n) {
+        for d in fibonacci_sphere_f64(n) {
             basis_f64(d, MAX_BANDS, &mut y);
             let w = normal.dot(d).max(0.0) * 4.0 / n as f64;
             sum.iter_mut().zip(y).for_each(|(s, y)| *s += w * y);
@@ -206,7 +196,7 @@ mod tests {
 
     #[test]
     fn lanes_agree_with_the_scalar_basis() {
-        let directions: Vec<_> = sphere(32).collect();
+        let directions: Vec<_> = fibonacci_sphere_f64(32).collect();
         for bands in 1..=MAX_BANDS {
             let lane = |axis: usize| std::array::from_fn(|i| directions[i][axis] as f32);
             let mut out = [[f32::NAN; 32]; MAX_COEFFICIENTS];
