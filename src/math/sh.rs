@@ -99,10 +99,16 @@ pub fn basis_lanes<const L: usize>(
             let (plus, minus) = (l * (l + 1) + m, l * (l + 1) - m);
             let (a, b) = ((2 * l + 1) as f32, (l + m) as f32);
             let scale = 1.0 / (l + 1 - m) as f32;
+            // Loops of one output each: two that may be the same row keep LLVM from using vectors.
+            if m > 0 {
+                for i in 0..L {
+                    out[minus][i] = k * current[i] * im[i];
+                }
+            }
             for i in 0..L {
-                // For m = 0 the second line overwrites the first, where im = 0.
-                out[minus][i] = k * current[i] * im[i];
                 out[plus][i] = k * current[i] * re[i];
+            }
+            for i in 0..L {
                 let next = (z[i] * a * current[i] - b * previous[i]) * scale;
                 previous[i] = current[i];
                 current[i] = next;
