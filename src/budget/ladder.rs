@@ -6,6 +6,10 @@ use crate::config::{Settings, SettingsError};
 use crate::study::tradeoff::pareto_front;
 use std::time::Duration;
 
+/// Share of the budget that some settings within reach take at most: on another machine, or another
+/// day, all are slower than predicted.
+const COMFORTABLE: f64 = 0.8;
+
 /// One choice of settings, and what the profile says it costs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rung {
@@ -23,8 +27,9 @@ pub struct Ladder {
 }
 
 impl Ladder {
-    /// Starts on the most accurate settings of the profile that fit the budget, the fastest where none
-    /// does, and keeps those that a running pipeline can change to from there.
+    /// Starts on the most accurate settings of the profile that fit the budget and from which a running
+    /// pipeline can change to some that leave room, the fastest where none fits; and keeps those that
+    /// it can change to from there.
     ///
     /// `adjust` applies what the user asked for besides the budget. Steps that it makes equal are
     /// one, with the longest of their times.
@@ -35,8 +40,15 @@ impl Ladder {
     ) -> Result<Self, BudgetError> {
         let limit_ms = FITS * 1e3 * budget.as_secs_f64();
         let mut rungs = rungs(profile, adjust)?;
-        let fitting = rungs.iter().filter(|r| r.predicted_ms <= limit_ms);
-        let best = fitting.min_by(|a, b| a.error.total_cmp(&b.error));
+        let comfortable_ms = COMFORTABLE * 1e3 * budget.as_secs_f64();
+        let can_step_down = |from: &Rung| {
+            let reachable = rungs.iter().filter(|to| reachable(&to.settings, &from.settings));
+            reachable.into_iter().any(|to| to.predicted_ms <= comfortable_ms)
+        };
+        let fitting = || rungs.iter().filter(|r| r.predicted_ms <= limit_ms);
+        let most_accurate = |a: &&Rung, b: &&Rung| a.error.total_cmp(&b.error);
+        let best = fitting().filter(|&r| can_step_down(r)).min_by(most_accurate);
+        let best = best.or_else(|| fitting().min_by(most_accurate));
         let fastest = rungs.iter().min_by(|a, b| a.predicted_ms.total_cmp(&b.predicted_ms));
         let chosen = best.or(fastest).expect("a profile has steps").settings.clone();
         rungs.retain(|rung| reachable(&rung.settings, &chosen));
@@ -148,6 +160,23 @@ mod tests {
         // the small volume is best here, and the run stays with it
         let small = choose(STEPS, 250);
         assert_eq!((times(&small), small.start()), (vec![290.0, 105.0], 1));
+    }
+
+    #[test]
+    fn a_way_down_is_worth_more_than_accuracy() {
+        let large = "volume.resolution=512";
+        let steps: &[(&str, &[&str], f64, f64)] = &[
+            ("ours-fast", &["transfer.directions=8"], 70.0, 0.4),
+            ("ours-fast", &[], 85.0, 0.3),
+            ("ours-fast", &[large], 90.0, 0.2),
+            ("ours", &[large], 110.0, 0.1),
+        ];
+        // at 90 of 100 ms the large volume has nothing faster
+        let ladder = choose(steps, 100);
+        assert_eq!((times(&ladder), ladder.start()), (vec![85.0, 70.0], 0));
+        assert_eq!(times(&choose(steps, 400)), [110.0, 90.0]);
+        // where nothing leaves room, what fits is taken
+        assert_eq!(times(&choose(&steps[1..], 100)), [110.0, 90.0]);
     }
 
     #[test]
