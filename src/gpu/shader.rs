@@ -1,0 +1,97 @@
+//! Shader texts, put together from files.
+
+use super::GpuError;
+use std::collections::HashSet;
+use std::fmt::Write as _;
+
+/// All files below `shaders/`, by path without ending.
+pub mod library {
+    macro_rules! files {
+        ($($name:literal),+ $(,)?) => {
+            /// Path below `shaders/` without `.wgsl`, and text.
+            pub const FILES: &[(&str, &str)] = &[
+                $(($name, include_str!(concat!("../../shaders/", $name, ".wgsl")))),+
+            ];
+        };
+    }
+    files!["input/color", "input/depth", "shared/color", "shared/view",];
+
+    /// The text of a file.
+    pub fn text(name: &str) -> Option<&'static str> {
+        FILES.iter().find(|(file, _)| *file == name).map(|(_, text)| *text)
+    }
+}
+
+/// A constant that is fixed when a shader is put together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Constant {
+    U32(u32),
+    F32(f32),
+}
+
+impl Constant {
+    /// Equal keys are equal texts.
+    fn declaration(self, name: &str) -> String {
+        match self {
+            Self::U32(value) => format!("const {name}: u32 = {value}u;\n"),
+            // Debug prints the shortest digits that read back as the same value
+            Self::F32(value) => format!("const {name}: f32 = f32({value:?});\n"),
+        }
+    }
+}
+
+/// A compute shader: the function `main` of a file, with constants.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shader {
+    pub file: &'static str,
+    pub constants: Vec<(&'static str, Constant)>,
+}
+
+impl Shader {
+    pub const fn new(file: &'static str) -> Self {
+        Self { file, constants: Vec::new() }
+    }
+
+    /// Declares a constant before the file's text; it must not be declared there.
+    pub fn with(mut self, name: &'static str, value: Constant) -> Self {
+        self.constants.push((name, value));
+        self
+    }
+
+    pub fn with_u32(self, name: &'static str, value: usize) -> Self {
+        self.with(name, Constant::U32(value as u32))
+    }
+
+    /// The whole text: constants, then the file with every `#import path` line replaced by that file,
+    /// once.
+    pub fn compose(&self) -> Result<String, GpuError> {
+        let mut text = String::new();
+        for (name, value) in &self.constants {
+            text.push_str(&value.declaration(name));
+        }
+        self.append(self.file, &mut HashSet::new(), &mut text)?;
+        Ok(text)
+    }
+
+    fn append(
+        &self,
+        file: &str,
+        seen: &mut HashSet<String>,
+        out: &mut String,
+    ) -> Result<(), GpuError> {
+        if !seen.insert(file.to_owned()) {
+            return Ok(());
+        }
+        let text = library::text(file).ok_or_else(|| GpuError::Shader {
+            shader: self.file.to_owned(),
+            problem: format!("there is no file shaders/{file}.wgsl"),
+        })?;
+        for line in text.lines() {
+            match line.strip_prefix("#import ") {
+                Some(import) => self.append(import.trim(), seen, out)?,
+                None => writeln!(out, "{line}").expect("writing to a string"),
+            }
+        }
+        Ok(())
+    }
+}
