@@ -14,7 +14,17 @@ pub mod library {
             ];
         };
     }
-    files!["input/color", "input/depth", "shared/color", "shared/view",];
+    files![
+        "dyn_geo/median",
+        "dyn_geo/merge",
+        "dyn_geo/model_depth",
+        "dyn_geo/normals",
+        "input/color",
+        "input/depth",
+        "shared/color",
+        "shared/median",
+        "shared/view",
+    ];
 
     /// The text of a file.
     pub fn text(name: &str) -> Option<&'static str> {
@@ -27,6 +37,7 @@ pub mod library {
 pub enum Constant {
     U32(u32),
     F32(f32),
+    Bool(bool),
 }
 
 impl Constant {
@@ -34,6 +45,7 @@ impl Constant {
     fn declaration(self, name: &str) -> String {
         match self {
             Self::U32(value) => format!("const {name}: u32 = {value}u;\n"),
+            Self::Bool(value) => format!("const {name} = {value};\n"),
             // Debug prints the shortest digits that read back as the same value
             Self::F32(value) => format!("const {name}: f32 = f32({value:?});\n"),
         }
@@ -60,6 +72,10 @@ impl Shader {
 
     pub fn with_u32(self, name: &'static str, value: usize) -> Self {
         self.with(name, Constant::U32(value as u32))
+    }
+
+    pub fn with_bool(self, name: &'static str, value: bool) -> Self {
+        self.with(name, Constant::Bool(value))
     }
 
     /// The whole text: constants, then the file with every `#import path` line replaced by that file,

@@ -1,7 +1,9 @@
 //! The stages on the GPU, one file each; the kernels are in `shaders/`, in folders of the same names.
 
+mod dyn_geo;
 mod input;
 
+pub use dyn_geo::DynGeoPass;
 pub use input::{FramePictures, InputPass};
 
 #[cfg(test)]
@@ -10,5 +12,5 @@ pub(crate) mod test_support;
 /// Every shader of every stage, with constants that it may get: for tests that need no device.
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<super::Shader> {
-    [input::shaders()].into_iter().flatten().collect()
+    [dyn_geo::shaders(), input::shaders().into()].concat()
 }
