@@ -15,6 +15,20 @@ pub mod library {
         };
     }
     files![
+        "compositing/between",
+        "compositing/bicubic",
+        "compositing/blur",
+        "compositing/lamp",
+        "compositing/likeness",
+        "compositing/means",
+        "compositing/pixels",
+        "compositing/planes",
+        "compositing/shade",
+        "compositing/smooth",
+        "compositing/sum",
+        "compositing/sums",
+        "compositing/upsample",
+        "compositing/virtual_light",
         "dyn_geo/median",
         "dyn_geo/merge",
         "dyn_geo/model_depth",

@@ -21,7 +21,8 @@
 
 use crate::image::Size;
 use crate::math::sh::{MAX_BANDS, coefficients};
-use batch::{Grid, grid_pixel};
+use batch::Grid;
+pub(crate) use batch::grid_pixel;
 
 mod batch;
 mod bounce;
