@@ -7,6 +7,9 @@
 
 const HAS_BOUNCE = PLANES == 3u;
 
+// Light beyond this counts as this, so that the filters' sums and products stay finite.
+const LARGEST = 1e37;
+
 const NOTHING = 0.0;
 const REAL = 1.0;
 const VIRTUAL = 2.0;

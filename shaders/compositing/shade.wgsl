@@ -14,7 +14,6 @@ struct ShadeUniform {
     pad2: u32,
 }
 
-const LARGEST_BITS = 0x7f7fffffu;
 const INFINITY_BITS = 0x7f800000u;
 
 @group(0) @binding(0) var<uniform> params: ShadeUniform;
@@ -32,12 +31,12 @@ fn raised(shading: vec3f) -> vec3f {
     return select(max(shading, floor), floor, is_nan);
 }
 
-// Finite and not negative. Bits of positive numbers are ordered as the numbers; negatives and NaN have
+// From 0 to LARGEST, 0 for what is no number. Bits of positive numbers are ordered as the numbers; negatives and NaN have
 // greater ones than infinity.
 fn tamed(light: vec3f) -> vec3f {
     let bits = bitcast<vec3u>(light);
-    let inside = min(bits, vec3u(LARGEST_BITS));
-    return bitcast<vec3f>(select(inside, vec3u(0u), bits > vec3u(INFINITY_BITS)));
+    let inside = bitcast<vec3f>(min(bits, vec3u(bitcast<u32>(LARGEST))));
+    return select(inside, vec3f(0.0), bits > vec3u(INFINITY_BITS));
 }
 
 @compute @workgroup_size(8, 8)

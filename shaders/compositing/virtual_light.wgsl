@@ -12,8 +12,6 @@ struct VirtualLightUniform {
     pad: u32,
 }
 
-const LARGEST = 0x1.fffffep+127f;
-
 @group(0) @binding(0) var<uniform> params: VirtualLightUniform;
 @group(0) @binding(1) var<storage, read> surface: array<vec4f>;
 @group(0) @binding(2) var<storage, read> origin: array<u32>;
