@@ -30,7 +30,7 @@ pub use auxiliary::AuxiliaryRig;
 pub(crate) use empty_space::EmptySpace;
 pub(crate) use occlusion::Occlusion;
 pub use placement::place_centre;
-pub use surface::SurfaceStage;
+pub use surface::{Shown, SurfaceStage};
 pub use volume::{FusionError, TsdfVolume};
 
 /// Reconstruct stage, map part.

@@ -6,9 +6,10 @@ use crate::geometry::GBuffer;
 use crate::math::View;
 use glam::Vec3;
 
-/// What an auxiliary buffer shows: its view, and the volume's revision at that time.
-#[derive(Clone, Copy, Debug)]
-struct Shown {
+/// What an auxiliary buffer shows: its view, and the volume's revision at that time. Buffers of the same
+/// volume that show the same hold the same.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
     view: View,
     revision: Option<u64>,
 }
@@ -45,6 +46,11 @@ impl SurfaceStage {
             light: None,
             updates: 0,
         }
+    }
+
+    /// What each auxiliary buffer shows.
+    pub fn shown(&self) -> &[Shown] {
+        &self.shown
     }
 
     pub fn rig(&self) -> &AuxiliaryRig {
