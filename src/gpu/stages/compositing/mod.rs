@@ -24,7 +24,7 @@ pub use virtual_layer::GpuVirtualLayer;
 use super::transfer_map::grid_size;
 use super::{FramePictures, GpuIndirectMap, GpuTransferMap};
 use crate::compositing::{CompositingParams, Compositor, Lamp, ShadingBuffers, Upsampling};
-use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuGBuffer, Shader};
+use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuGBuffer};
 use crate::image::{Image, Size};
 use crate::lighting::ShLight;
 use crate::timing::Stage;
@@ -85,7 +85,7 @@ pub struct CompositingPass {
 }
 
 #[cfg(test)]
-pub(super) fn shaders() -> Vec<Shader> {
+pub(super) fn shaders() -> Vec<crate::gpu::Shader> {
     let mut all = vec![means::means_shader()];
     for on in [false, true] {
         all.push(upsample::blur_shader(17, on));
