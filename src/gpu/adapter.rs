@@ -90,8 +90,8 @@ impl Adapters {
         Self { found }
     }
 
-    pub fn summaries(&self) -> impl Iterator<Item = &AdapterSummary> {
-        self.found.iter().map(|(_, summary)| summary)
+    pub fn iter(&self) -> impl Iterator<Item = (&wgpu::Adapter, &AdapterSummary)> {
+        self.found.iter().map(|(adapter, summary)| (adapter, summary))
     }
 
     /// The adapter that the choice falls on.
@@ -113,7 +113,7 @@ impl Adapters {
         if self.found.is_empty() {
             return GpuError::NoAdapter;
         }
-        let known = self.summaries().map(|s| s.name.clone()).collect::<Vec<_>>().join(", ");
+        let known = self.iter().map(|(_, s)| s.name.clone()).collect::<Vec<_>>().join(", ");
         GpuError::UnknownAdapter { asked: asked.to_owned(), known }
     }
 }

@@ -14,6 +14,7 @@ mod adapter;
 mod buffer;
 mod commands;
 mod device;
+pub mod diagnosis;
 mod error;
 pub mod parity;
 mod pipeline;
