@@ -44,8 +44,6 @@ pub const ALL: &[Preset] = &[
         changes: &[
             ("transfer.method", "ray-traced"),
             ("bounce.enabled", "false"),
-            ("surface.left", "false"),
-            ("surface.right", "false"),
             ("surface.top", "false"),
             ("surface.light", "false"),
             ("dyn_geo.merge", "false"),

@@ -108,7 +108,8 @@ mod tests {
         let volume = TsdfVolume::new(&params, Vec3::new(1.0, -2.0, 0.5)).unwrap();
         let camera = Pinhole { width: 64, height: 48, fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5 };
         let pose = Pose::new(na::Vector3::zeros(), na::Vector3::new(0.4, -1.1, 0.3));
-        AuxiliaryRig::new(&volume, &View::perspective(camera, pose), &SurfaceParams::default())
+        let params = SurfaceParams { left: true, right: true, ..SurfaceParams::default() };
+        AuxiliaryRig::new(&volume, &View::perspective(camera, pose), &params)
     }
 
     #[test]

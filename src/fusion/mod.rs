@@ -77,7 +77,10 @@ impl Default for VolumeParams {
 pub struct SurfaceParams {
     /// Pixels a side of an auxiliary buffer.
     pub auxiliary_resolution: usize,
+    /// The paper's; off by default, as composed frames are no nearer the truth with it (`kinlight
+    /// study composite`): what it shows of a room seen from the front are mostly silhouettes.
     pub left: bool,
+    /// As [`Self::left`].
     pub right: bool,
     pub top: bool,
     /// The one seen from the dominant light.
@@ -95,8 +98,8 @@ impl Default for SurfaceParams {
     fn default() -> Self {
         Self {
             auxiliary_resolution: 256,
-            left: true,
-            right: true,
+            left: false,
+            right: false,
             top: true,
             light: true,
             refresh_per_frame: 1,

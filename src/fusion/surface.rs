@@ -19,8 +19,8 @@ pub struct Shown {
 /// The main buffer is redone in every update. An auxiliary buffer is out of date when the volume
 /// changed since, or its view moved. A moved view is redone at once; of the others,
 /// `refresh_per_frame` are redone, those with the oldest contents first (in a tie the first of
-/// left, right, top, light). With the default of one a frame and four buffers a buffer is at most
-/// four updates old. During the first `warm_up_updates` all are redone.
+/// left, right, top, light): with one a frame, a buffer is at most as many updates old as there are
+/// buffers. During the first `warm_up_updates` all are redone.
 #[derive(Debug)]
 pub struct SurfaceStage {
     pub main: GBuffer,

@@ -11,7 +11,13 @@ fn filled() -> (TsdfVolume, View, RgbdFrame) {
 }
 
 fn params(warm_up_updates: u64) -> SurfaceParams {
-    SurfaceParams { auxiliary_resolution: 64, warm_up_updates, ..SurfaceParams::default() }
+    SurfaceParams {
+        auxiliary_resolution: 64,
+        left: true,
+        right: true,
+        warm_up_updates,
+        ..SurfaceParams::default()
+    }
 }
 
 /// Which auxiliary buffers an update wrote.

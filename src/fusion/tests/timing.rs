@@ -33,7 +33,12 @@ fn time_fusion_640x480() {
         time("integrate", 15, || volume.integrate(&frame, &view).unwrap());
         let mut out = GBuffer::empty(view);
         time("raycast 640x480", 15, || volume.raycast(&view, &mut out));
-        let params = SurfaceParams { refresh_per_frame: 0, ..SurfaceParams::default() };
+        let params = SurfaceParams {
+            left: true,
+            right: true,
+            refresh_per_frame: 0,
+            ..SurfaceParams::default()
+        };
         let mut stage = SurfaceStage::new(&volume, view, &params);
         stage.update(&volume, view, Some(Vec3::new(0.2, -0.3, 0.9)));
         for (buffer, name) in stage.auxiliary.iter_mut().zip(["left", "right", "top", "light"]) {

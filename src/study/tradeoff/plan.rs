@@ -90,17 +90,10 @@ const AXES: [Axis; 8] = [
     },
     Axis {
         values: &[
-            value(
-                "no auxiliary buffers",
-                &[
-                    "surface.left=false",
-                    "surface.right=false",
-                    "surface.top=false",
-                    "surface.light=false",
-                ],
-            ),
+            value("no auxiliary buffers", &["surface.top=false", "surface.light=false"]),
             value("one auxiliary buffer a frame", &[]),
             value("all auxiliary buffers every frame", &["surface.refresh_per_frame=0"]),
+            value("auxiliary buffers from all sides", &["surface.left=true", "surface.right=true"]),
         ],
         ours: 1,
         named: false,
