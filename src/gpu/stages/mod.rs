@@ -1,9 +1,11 @@
 //! The stages on the GPU, one file each; the kernels are in `shaders/`, in folders of the same names.
 
 mod dyn_geo;
+mod fusion;
 mod input;
 
 pub use dyn_geo::DynGeoPass;
+pub use fusion::{GpuVolume, RayCaster, SurfacePass};
 pub use input::{FramePictures, InputPass};
 
 #[cfg(test)]
@@ -12,5 +14,5 @@ pub(crate) mod test_support;
 /// Every shader of every stage, with constants that it may get: for tests that need no device.
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<super::Shader> {
-    [dyn_geo::shaders(), input::shaders().into()].concat()
+    [dyn_geo::shaders(), fusion::shaders(), input::shaders().into()].concat()
 }
