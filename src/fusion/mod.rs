@@ -8,7 +8,7 @@ pub(crate) mod allocate;
 mod auxiliary;
 pub(crate) mod block;
 pub(crate) mod crossings;
-mod empty_space;
+pub(crate) mod empty_space;
 pub(crate) mod integrate;
 mod lattice;
 mod marching_cubes;

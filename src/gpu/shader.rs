@@ -33,6 +33,8 @@ pub mod library {
         "fusion/release",
         "fusion/sample",
         "fusion/settle",
+        "fusion/survey",
+        "fusion/survey_x",
         "fusion/tiles",
         "fusion/voxels",
         "input/color",

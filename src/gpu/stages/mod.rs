@@ -5,7 +5,7 @@ mod fusion;
 mod input;
 
 pub use dyn_geo::DynGeoPass;
-pub use fusion::{GpuVolume, RayCaster, SurfacePass};
+pub use fusion::{EmptySpacePass, GpuVolume, RayCaster, SurfacePass};
 pub use input::{FramePictures, InputPass};
 
 #[cfg(test)]

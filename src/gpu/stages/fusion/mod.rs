@@ -6,6 +6,7 @@
 //! ray is one invocation, not a lane of a packet.
 
 mod download;
+mod empty_space;
 mod integrate;
 mod raycast;
 mod shaders;
@@ -15,6 +16,7 @@ mod tests;
 mod uniforms;
 mod volume;
 
+pub use empty_space::EmptySpacePass;
 pub use raycast::RayCaster;
 #[cfg(test)]
 pub(super) use shaders::shaders;

@@ -1,7 +1,7 @@
 //! The kernels with their constants, which are those of the CPU.
 
 use crate::fusion::block::{ONE, SIDE, UNSEEN, VOXELS};
-use crate::fusion::{allocate, crossings, integrate, packet, raycast, tiles};
+use crate::fusion::{allocate, crossings, empty_space, integrate, packet, raycast, tiles};
 use crate::gpu::{Constant, Shader};
 
 // what the shaders take for granted
@@ -62,6 +62,13 @@ pub fn tiles() -> Shader {
     constants.into_iter().fold(shader, |shader, (name, value)| number(shader, name, value))
 }
 
+/// Distances to blocks with surface, axis by axis.
+pub fn surveys() -> [Shader; 3] {
+    let survey = |axis| Shader::new("fusion/survey").with_u32("AXIS", axis);
+    [Shader::new("fusion/survey_x"), survey(1), survey(2)]
+        .map(|shader| shader.with_u32("FARTHEST", empty_space::FARTHEST.into()))
+}
+
 pub fn raycast() -> Shader {
     let shader = with_voxels(Shader::new("fusion/raycast"))
         .with_u32("TILE", tiles::TILE)
@@ -83,5 +90,5 @@ pub fn raycast() -> Shader {
 #[cfg(test)]
 pub fn shaders() -> Vec<Shader> {
     let volume = [mark(), allocate(), integrate(), color(), release(), crossings(), settle()];
-    [&volume[..], &[tiles(), raycast()]].concat()
+    [&volume[..], &surveys(), &[tiles(), raycast()]].concat()
 }

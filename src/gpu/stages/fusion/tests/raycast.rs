@@ -1,6 +1,7 @@
 use super::*;
+use crate::fusion::EmptySpace;
 use crate::gpu::GpuGBuffer;
-use crate::gpu::stages::RayCaster;
+use crate::gpu::stages::{EmptySpacePass, RayCaster};
 
 /// Views are taken of the device's own voxels, so that it is rays alone that differ.
 struct Room<'g> {
@@ -12,10 +13,16 @@ struct Room<'g> {
 impl<'g> Room<'g> {
     fn new(gpu: &'g Gpu, resolution: usize) -> Self {
         let mut pair = Pair::new(gpu, &volume_params(resolution));
-        let scene = AnalyticScene::corner();
+        let (scene, mut rng) = (AnalyticScene::corner(), Rng::new(&[3]));
         for pose in arc(4) {
             let view = View::perspective(camera(160, 120), pose);
-            pair.integrate(&colored(render(&scene, &view)), &view);
+            let mut frame = render(&scene, &view);
+            // rough enough for every way to a normal
+            for depth_m in frame.depth_m.as_mut_slice() {
+                *depth_m += 0.004 * rng.normal() * *depth_m;
+                *depth_m *= f32::from(u8::from(rng.uniform() > 0.1));
+            }
+            pair.integrate(&colored(frame), &view);
         }
         let cpu = pair.on_device.download(gpu).unwrap();
         Self { gpu, cpu, on_device: pair.on_device }
@@ -61,5 +68,28 @@ fn views_are_those_of_the_cpu() {
             assert_eq!(found.surface > 0, name != "away", "{name}");
             found.assert_small(gpu, &format!("{name} at {resolution}"));
         }
+    }
+}
+
+#[test]
+fn empty_space_is_that_of_the_cpu() {
+    let Some(gpu) = gpu() else { return };
+    for resolution in [8, 64, 256] {
+        let mut pair = Pair::new(gpu, &volume_params(resolution));
+        let pass = EmptySpacePass::new(gpu, &pair.on_device).unwrap();
+        // one ray's worth of surface in the last volume, so that there is more around than is followed
+        let size = if resolution == 256 { 1 } else { 67 };
+        let view = View::perspective(camera(size, size), arc(1).next().unwrap());
+        pair.integrate(&colored(render(&AnalyticScene::corner(), &view)), &view);
+        let mut expected = EmptySpace::default();
+        expected.survey(&pair.cpu);
+        let mut commands = gpu.commands();
+        pass.survey(&mut commands, &pair.on_device).unwrap();
+        commands.submit().unwrap();
+        let found = pass.distances().download(gpu).unwrap();
+        let expected: Vec<u32> = expected.distances().iter().map(|&d| d.into()).collect();
+        assert!(expected.contains(&0), "{resolution}");
+        assert!(resolution < 256 || expected.contains(&16), "no block is far away");
+        assert_eq!(found, expected, "{resolution}");
     }
 }
