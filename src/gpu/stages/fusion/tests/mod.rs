@@ -1,6 +1,7 @@
 mod integrate;
 mod raycast;
 mod surface;
+mod timing;
 
 use super::GpuVolume;
 use crate::capture::RgbdFrame;
