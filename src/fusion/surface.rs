@@ -7,8 +7,11 @@ use crate::geometry::GBuffer;
 use crate::math::View;
 use glam::Vec3;
 
-/// Geometry buffers ray-cast from the volume. The main buffer is redone in every update, the auxiliary
-/// ones when [`AuxiliarySchedule`] has their turn.
+/// Geometry buffers ray-cast from the volume.
+///
+/// The main buffer is redone in every update, an auxiliary buffer when it is out of date and its turn
+/// comes: at once where its view moved, else `refresh_per_frame` in an update, those with the oldest
+/// contents first.
 #[derive(Debug)]
 pub struct SurfaceStage {
     pub main: GBuffer,

@@ -10,7 +10,8 @@ use crate::timing::Stage;
 
 impl GpuVolume {
     /// Records the averaging of a frame's depth, seen in `view`, into the volume, as
-    /// [`crate::fusion::TsdfVolume::integrate`] does. `index` is the frame's, for errors.
+    /// [`crate::fusion::TsdfVolume::integrate`] does. `index` is the frame's, for errors. The
+    /// integration before must have been submitted: its counters are waited for.
     ///
     /// # Errors
     /// Where the frame does not fit, and [`FusionError::Full`] where an earlier one did not find room:

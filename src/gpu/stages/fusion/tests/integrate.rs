@@ -138,6 +138,16 @@ fn a_full_pool_is_an_error() {
 }
 
 #[test]
+fn the_finest_volume_fits_what_a_shader_may_bind() {
+    let Some(gpu) = gpu() else { return };
+    let mut pair = Pair::new(gpu, &VolumeParams { color: false, ..volume_params(512) });
+    assert_eq!(pair.on_device.voxels().len() * 4, 128 << 20);
+    let view = View::perspective(camera(5, 3), arc(1).next().unwrap());
+    pair.integrate(&colored(render(&AnalyticScene::corner(), &view)), &view);
+    pair.assert_equal("512");
+}
+
+#[test]
 fn a_frame_that_does_not_fit_is_refused() {
     let Some(gpu) = gpu() else { return };
     let mut pair = Pair::new(gpu, &volume_params(8));

@@ -72,6 +72,19 @@ fn views_are_those_of_the_cpu() {
 }
 
 #[test]
+fn nothing_is_seen_in_an_empty_volume() {
+    let Some(gpu) = gpu() else { return };
+    let Pair { cpu, on_device, .. } = Pair::new(gpu, &volume_params(64));
+    let mut caster = RayCaster::new(gpu, crate::image::Size::new(67, 43)).unwrap();
+    let room = Room { gpu, cpu, on_device };
+    for (name, view) in views() {
+        let (cpu, out) = room.cast(&mut caster, &view);
+        let found = Differences::of(&cpu, &out, 0.0);
+        assert_eq!((found.surface, found.rim), (0, 0), "{name}");
+    }
+}
+
+#[test]
 fn empty_space_is_that_of_the_cpu() {
     let Some(gpu) = gpu() else { return };
     for resolution in [8, 64, 256] {
