@@ -1,24 +1,29 @@
 //! The order of the stages and what lives from frame to frame; nothing else.
 
+mod merged;
 mod origin;
+#[cfg(test)]
+mod tests;
 
 pub use origin::WorldOrigin;
 
 use crate::capture::{InputStage, RawFrame, RgbdFrame};
-use crate::compositing::{ComposeInput, CompositingStage, ShadingBuffers, VirtualLayer};
+use crate::compositing::{ComposeInput, CompositingStage, ShadingBuffers};
 use crate::config::Settings;
 use crate::fusion::{SurfaceStage, TsdfVolume, place_centre};
 use crate::geometry::{DynGeo, GBuffer};
 use crate::image::Image;
-use crate::lighting::exitant::{DominantLight, exitant_radiance};
 use crate::lighting::{LightEstimate, LightEstimator, ShLight};
 use crate::math::{Pinhole, Pose, View, sh};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Rasteriser, VirtualScene};
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::{OnLost, Tracker, Tracking, TrackingState};
-use crate::transfer::{IndirectMap, MergedScene, RealScene, TransferMap, TransferStage};
+use crate::transfer::{
+    IndirectMap, MergedScene, RealScene, TransferMap, TransferMethod, TransferStage,
+};
 use glam::Vec3;
+use merged::{MergedMain, MergedSides, Reflection};
 
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
@@ -50,16 +55,8 @@ pub struct FrameOutcome {
 struct Map {
     volume: TsdfVolume,
     surface: SurfaceStage,
-}
-
-/// Geometry buffers with the virtual scene drawn into them, and what their pixels radiate.
-struct Merged {
-    main: GBuffer,
-    layer: VirtualLayer,
-    radiance: Image<[f32; 3]>,
-    auxiliary: Vec<GBuffer>,
-    auxiliary_layers: Vec<VirtualLayer>,
-    auxiliary_radiance: Vec<Image<[f32; 3]>>,
+    /// The auxiliary buffers of `surface` with virtual objects.
+    sides: MergedSides,
 }
 
 /// All stages, and the state carried between frames.
@@ -90,8 +87,10 @@ struct FrameBuffers {
     frame: RgbdFrame,
     /// G_r, the filtered geometry buffer.
     real: GBuffer,
-    merged: Merged,
+    merged: MergedMain,
     real_transfer: TransferMap,
+    /// Whether virtual objects change anything; where not, the two maps below are those of an earlier frame.
+    changed: bool,
     merged_transfer: TransferMap,
     indirect: IndirectMap,
 }
@@ -115,8 +114,9 @@ impl Pipeline {
             last: FrameBuffers {
                 frame: RgbdFrame::default(),
                 real: GBuffer::empty(view),
-                merged: Merged::new(view),
+                merged: MergedMain::default(),
                 real_transfer: TransferMap::default(),
+                changed: false,
                 merged_transfer: TransferMap::default(),
                 indirect: IndirectMap::default(),
             },
@@ -191,7 +191,7 @@ impl Pipeline {
                 self.light_the_scene(&mut times)
             }
             _ => {
-                self.composed.clone_from(&self.last.frame.color_srgb);
+                self.show_camera();
                 None
             }
         };
@@ -271,19 +271,17 @@ impl Pipeline {
         let Some(centre) = centre else { return Ok(None) };
         let volume = TsdfVolume::new(params, centre)?;
         let surface = SurfaceStage::new(&volume, *view, &self.settings.surface);
-        Ok(Some(Map { volume, surface }))
+        Ok(Some(Map { volume, surface, sides: MergedSides::default() }))
     }
 
     /// From the model seen in this frame's view to the composed picture.
     fn light_the_scene(&mut self, times: &mut StageTimes) -> Option<LightEstimate> {
-        let Map { volume, surface } = self.map.as_ref()?;
-        let (model, auxiliary) = (&surface.main, &surface.auxiliary);
-        let FrameBuffers { frame, real, merged, real_transfer, merged_transfer, indirect } =
-            &mut self.last;
+        let Map { volume, surface, .. } = self.map.as_ref()?;
+        let FrameBuffers { frame, real, real_transfer, .. } = &mut self.last;
 
-        times.measure(Stage::DynGeo, || self.dyn_geo.run(frame, model, real));
+        times.measure(Stage::DynGeo, || self.dyn_geo.run(frame, &surface.main, real));
         times.measure(Stage::RadTransfer, || {
-            let scene = RealScene { volume, main: real, auxiliary };
+            let scene = RealScene { volume, main: real, auxiliary: &surface.auxiliary };
             self.radiance_transfer.transfer(scene, real_transfer);
         });
         let at = light_point(&self.settings, self.origin.as_ref(), &self.scene);
@@ -292,34 +290,72 @@ impl Pipeline {
             None => self.estimator.estimate(frame, real, real_transfer, at),
         });
 
-        times.measure(Stage::Rendering, || {
-            self.scene.resolve(frame.index, real);
-            merged.draw(&mut self.rasteriser, &self.scene, real, auxiliary);
-        });
-        times.measure(Stage::RadTransfer, || {
-            let bounce = self.settings.bounce.enabled;
-            if bounce {
-                merged.radiate(&frame.color, &light, self.settings.light.mean_albedo);
-            }
-            let with_virtual = MergedScene {
-                objects: &self.scene,
-                main: &merged.main,
-                auxiliary: &merged.auxiliary,
-                radiance: bounce.then_some((&merged.radiance, &merged.auxiliary_radiance)),
-            };
-            self.radiance_transfer.transfer_and_bounce(
-                RealScene { volume, main: real, auxiliary },
-                with_virtual,
-                real_transfer,
-                merged_transfer,
-                indirect,
-            );
-        });
-        times.measure(Stage::Rendering, || {
-            let input = self.last.compose_input(&self.settings, &light.light);
-            self.compositor.compose(&input, &mut self.composed);
-        });
+        self.last.changed = times.measure(Stage::Rendering, || self.draw_objects());
+        if self.last.changed {
+            times.measure(Stage::RadTransfer, || self.light_objects(&light.light));
+        }
+        times.measure(Stage::Rendering, || self.compose(&light.light));
         Some(light)
+    }
+
+    /// Draws the virtual scene into all views; whether it can change the picture.
+    fn draw_objects(&mut self) -> bool {
+        let Some(Map { surface, sides, .. }) = &mut self.map else { return false };
+        let FrameBuffers { frame, real, merged, .. } = &mut self.last;
+        let (rasteriser, scene) = (&mut self.rasteriser, &mut self.scene);
+        scene.resolve(frame.index, real);
+        let in_main = merged.draw(rasteriser, scene, real);
+        match self.settings.transfer.method {
+            TransferMethod::ImageSpace => {
+                let drawn = in_main || MergedSides::may_show(scene, surface);
+                let in_sides = drawn && sides.draw(rasteriser, scene, surface);
+                in_main || in_sides
+            }
+            // rays meet objects that no view shows, and look at no side view
+            TransferMethod::RayTraced => scene.bounds().next().is_some(),
+        }
+    }
+
+    /// Transfer and bounce with virtual objects.
+    fn light_objects(&mut self, light: &ShLight) {
+        let Some(Map { volume, surface, sides }) = &mut self.map else { return };
+        let FrameBuffers { frame, real, merged, real_transfer, merged_transfer, indirect, .. } =
+            &mut self.last;
+        let bounce = self.settings.bounce.enabled;
+        if bounce {
+            let reflection = Reflection::of(light, self.settings.light.mean_albedo);
+            merged.radiate(real, &frame.color, reflection);
+            sides.radiate(reflection);
+        }
+        let with_virtual = MergedScene {
+            objects: &self.scene,
+            main: merged.buffer(real),
+            auxiliary: &sides.buffers,
+            radiance: bounce.then_some((&merged.radiance, &sides.radiance)),
+        };
+        self.radiance_transfer.transfer_and_bounce(
+            RealScene { volume, main: real, auxiliary: &surface.auxiliary },
+            with_virtual,
+            real_transfer,
+            merged_transfer,
+            indirect,
+        );
+    }
+
+    /// The camera's picture as it is.
+    fn show_camera(&mut self) {
+        let picture = &self.last.frame.color_srgb;
+        self.composed.reshape(picture.size(), [0; 3]);
+        self.composed.as_mut_slice().copy_from_slice(picture.as_slice());
+    }
+
+    fn compose(&mut self, light: &ShLight) {
+        if self.last.changed {
+            let input = self.last.compose_input(&self.settings, light);
+            self.compositor.compose(&input, &mut self.composed);
+        } else {
+            self.show_camera();
+        }
     }
 
     /// From the next frame on, composes under this light, which is times the scene's mean albedo as an
@@ -359,7 +395,8 @@ impl Pipeline {
 
     /// G_r, and the same with virtual objects; `None` where the newest frame was not composed.
     pub fn geometry(&self) -> Option<(&GBuffer, &GBuffer)> {
-        self.composed_last.then_some((&self.last.real, &self.last.merged.main))
+        let FrameBuffers { real, merged, .. } = &self.last;
+        self.composed_last.then(|| (real, merged.buffer(real)))
     }
 
     /// Transfer of G_r; `None` where the newest frame was not composed.
@@ -402,67 +439,17 @@ fn light_point(
 
 impl FrameBuffers {
     fn compose_input<'a>(&'a self, settings: &Settings, light: &'a ShLight) -> ComposeInput<'a> {
+        let bounce = settings.bounce.enabled && self.changed;
         ComposeInput {
             frame: &self.frame,
             real: &self.real,
-            merged: &self.merged.main,
+            merged: self.merged.buffer(&self.real),
             layer: &self.merged.layer,
             real_transfer: &self.real_transfer,
-            merged_transfer: &self.merged_transfer,
-            indirect: settings.bounce.enabled.then_some(&self.indirect),
+            merged_transfer: if self.changed { &self.merged_transfer } else { &self.real_transfer },
+            indirect: bounce.then_some(&self.indirect),
             light,
             mean_albedo: settings.light.mean_albedo,
-        }
-    }
-}
-
-impl Merged {
-    fn new(view: View) -> Self {
-        Self {
-            main: GBuffer::empty(view),
-            layer: VirtualLayer::default(),
-            radiance: Image::default(),
-            auxiliary: Vec::new(),
-            auxiliary_layers: Vec::new(),
-            auxiliary_radiance: Vec::new(),
-        }
-    }
-
-    fn draw(
-        &mut self,
-        rasteriser: &mut Rasteriser,
-        scene: &VirtualScene,
-        real: &GBuffer,
-        auxiliary: &[GBuffer],
-    ) {
-        rasteriser.draw(scene, real, &mut self.main, &mut self.layer);
-        let count = auxiliary.len();
-        self.auxiliary.truncate(count);
-        for buffer in &auxiliary[self.auxiliary.len()..] {
-            self.auxiliary.push(GBuffer::empty(buffer.view));
-        }
-        self.auxiliary_layers.resize_with(count, VirtualLayer::default);
-        self.auxiliary_radiance.resize_with(count, Image::default);
-        for (i, buffer) in auxiliary.iter().enumerate() {
-            let layer = &mut self.auxiliary_layers[i];
-            rasteriser.draw(scene, buffer, &mut self.auxiliary[i], layer);
-        }
-    }
-
-    fn radiate(&mut self, camera_color: &Image<[f32; 3]>, light: &LightEstimate, mean_albedo: f32) {
-        let dominant = DominantLight::of(&light.light);
-        exitant_radiance(
-            &self.main,
-            &self.layer,
-            Some(camera_color),
-            dominant,
-            mean_albedo,
-            &mut self.radiance,
-        );
-        for (i, buffer) in self.auxiliary.iter().enumerate() {
-            let layer = &self.auxiliary_layers[i];
-            let out = &mut self.auxiliary_radiance[i];
-            exitant_radiance(buffer, layer, None, dominant, mean_albedo, out);
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::budget::Governor;
 use crate::capture::{CaptureError, FrameSource, Sequence, SkippedFrame};
 use crate::eval::light::LightTruth;
 use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
-use crate::math::Pose;
+use crate::math::{Pose, median, quantile};
 use crate::output::{OutputError, RunWriter};
 use crate::pipeline::{FrameOutcome, Pipeline, PipelineError};
 use crate::timing::{Stage, StageTimes};
@@ -140,11 +140,12 @@ impl Tally {
         }
     }
 
-    fn summary(mut self, skipped: Vec<SkippedFrame>) -> ReplaySummary {
+    fn summary(self, skipped: Vec<SkippedFrame>) -> ReplaySummary {
         let (estimated, recorded) = (&self.estimated, &self.recorded);
         // Too few poses for an error are no error.
         let absolute = trajectory::absolute_error(estimated, recorded, MATCH_TOLERANCE_S).ok();
         let relative = trajectory::relative_error(estimated, recorded, MATCH_TOLERANCE_S, 1).ok();
+        let light_error = self.light_errors();
         ReplaySummary {
             frames: self.frames,
             skipped,
@@ -152,22 +153,21 @@ impl Tally {
             states: self.states,
             absolute_error: absolute,
             relative_error: relative,
-            light_error: (!self.angles_deg.is_empty()).then(|| LightErrors {
-                frames: self.angles_deg.len(),
-                median_deg: quantile(&mut self.angles_deg, 0.5),
-                p95_deg: quantile(&mut self.angles_deg, 0.95),
-                max_deg: quantile(&mut self.angles_deg, 1.0),
-                median_relative_l2: quantile(&mut self.relative_l2, 0.5),
-            }),
+            light_error,
             volume_bytes: self.volume_bytes,
         }
     }
-}
 
-/// Nearest-rank quantile of at least one value.
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[((values.len() - 1) as f64 * share).round() as usize]
+    fn light_errors(&self) -> Option<LightErrors> {
+        let angle_deg = |share| quantile(self.angles_deg.iter().copied(), share);
+        Some(LightErrors {
+            frames: self.angles_deg.len(),
+            median_deg: median(self.angles_deg.iter().copied())?,
+            p95_deg: angle_deg(0.95)?,
+            max_deg: angle_deg(1.0)?,
+            median_relative_l2: median(self.relative_l2.iter().copied())?,
+        })
+    }
 }
 
 impl std::fmt::Display for ReplaySummary {

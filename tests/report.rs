@@ -48,7 +48,7 @@ fn write_results(folder: &Path) {
     for case in ["desk diffuse", "room coloured"] {
         let shown = [("input", 0.0), ("truth", 0.6), ("ours", 0.5), ("ours-fast", 0.4)];
         for (name, shadow) in shown {
-            let path = folder.join(format!("study/composite/pictures/{case}/{name}.png"));
+            let path = folder.join(format!("study/composite/pictures/{case}/000009-{name}.png"));
             save(path, &picture(640, 480, 9, shadow));
         }
     }
@@ -140,12 +140,15 @@ fn broken_files_and_empty_folders_are_named() {
     write(folder.path().join("light/study.json"), "{\"machine\": 3}");
     write(folder.path().join("ours/timings.json"), "{");
     write(folder.path().join("ours/settings.toml"), "=");
+    write(folder.path().join("ours/frames/000000.png"), "no picture");
     write_json(folder.path().join("tradeoff/study.json"), &fixtures::tradeoff());
     let broken = report(folder.path());
     let message = String::from_utf8_lossy(&broken.stderr).into_owned();
     assert_eq!(broken.status.code(), Some(1), "{message}");
     let page = fs::read_to_string(&out).unwrap();
-    for name in ["light/study.json", "ours/timings.json", "ours/settings.toml"] {
+    let broken_files =
+        ["light/study.json", "ours/timings.json", "ours/settings.toml", "ours/frames/000000.png"];
+    for name in broken_files {
         assert!(message.contains(name) && page.contains(name), "{name}: {message}");
     }
     assert!(page.contains("id=\"tradeoff\""), "what is whole is shown");

@@ -139,7 +139,8 @@ fn a_folder_that_cannot_be_written_is_named_before_any_work() {
     fs::write(&file, "in the way").unwrap();
     let store = SequenceStore::new(folder.path().join("sequences"));
     let error = light::run(&tiny(), "", &store, &file.join("out"), &|_| panic!("no work"));
-    assert!(matches!(error, Err(StudyError::File { path, .. }) if path.contains("runs.jsonl")));
+    let Err(StudyError::Output(error)) = error else { panic!("{error:?}") };
+    assert!(error.to_string().contains("runs.jsonl"), "{error}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! When to change settings: update times in, steps on a ladder out. Knows nothing of a pipeline.
 
-use crate::study::median;
+use crate::math::median;
 use std::collections::VecDeque;
 
 /// Frames whose median must exceed the budget before the settings get faster; a lone slow frame

@@ -2,7 +2,7 @@
 
 use super::RawFrame;
 use crate::image::Image;
-use crate::math::{Pinhole, Pose};
+use crate::math::{Pinhole, Pose, median, quantile};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
@@ -60,15 +60,15 @@ pub fn extent(camera: &Pinhole, frames: &[RawFrame]) -> Option<Extent> {
         }
     }
     let centre: Vec<f64> =
-        points.iter().map(|p| quantile(&mut p.clone(), 0.5)).collect::<Option<_>>()?;
+        points.iter().map(|p| median(p.iter().copied())).collect::<Option<_>>()?;
     let inside =
         (0..depths.len()).filter(|&i| (0..3).all(|k| (points[k][i] - centre[k]).abs() <= 1.0));
     Some(Extent {
         valid_share: depths.len() as f64 / looked_at as f64,
         in_2m_cube_share: inside.count() as f64 / depths.len() as f64,
-        depth_p5_m: quantile(&mut depths, 0.05)?,
-        depth_median_m: quantile(&mut depths, 0.5)?,
-        depth_p95_m: quantile(&mut depths, 0.95)?,
+        depth_p5_m: quantile(depths.iter().copied(), 0.05)?,
+        depth_median_m: median(depths.iter().copied())?,
+        depth_p95_m: quantile(depths.iter().copied(), 0.95)?,
     })
 }
 
@@ -132,11 +132,7 @@ pub fn residual(
         return None;
     }
     let overlap = metres.len() as f64 / seen as f64;
-    Some(Residual {
-        overlap,
-        median_m: quantile(&mut metres, 0.5)?,
-        relative: quantile(&mut relative, 0.5)?,
-    })
+    Some(Residual { overlap, median_m: median(metres)?, relative: median(relative)? })
 }
 
 type PoseReading = fn(&Pose) -> Pose;
@@ -230,9 +226,4 @@ fn point(camera: &Pinhole, u: f64, v: f64, d: f64) -> Vector3<f64> {
     let x = (u - f64::from(camera.cx)) / f64::from(camera.fx);
     let y = (v - f64::from(camera.cy)) / f64::from(camera.fy);
     Vector3::new(x * d, y * d, d)
-}
-
-fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    let rank = (values.len().checked_sub(1)? as f64 * share).round() as usize;
-    Some(*values.select_nth_unstable_by(rank, f64::total_cmp).1)
 }

@@ -10,7 +10,7 @@ use kinlight::config::Settings;
 use kinlight::eval::light::LightTruth;
 use kinlight::output::{BufferPicture, OutputPlan, RunWriter, TimingSummary, stage_table};
 use kinlight::pipeline::{FrameOutcome, Pipeline};
-use kinlight::replay::{ReplayError, ReplaySummary, replay as run_sequence};
+use kinlight::replay::{ReplaySummary, replay as run_sequence};
 use kinlight::report::RunRecord;
 use serde_json::json;
 use std::path::Path;
@@ -183,7 +183,7 @@ impl Run<'_> {
             &mut on_frame,
         );
         bar.finish_and_clear();
-        let summary = summary.map_err(by_kind)?;
+        let summary = summary?;
         RunRecord::here(&name, &args.sequence)
             .write(self.out)
             .map_err(|e| CliError::Output(e.to_string()))?;
@@ -202,13 +202,4 @@ fn light_truth(sequence: &Path) -> Result<Option<LightTruth>, CliError> {
         return Ok(None);
     }
     LightTruth::read(&path).map(Some).map_err(|e| CliError::Sequence(e.to_string()))
-}
-
-fn by_kind(error: ReplayError) -> CliError {
-    match error {
-        ReplayError::Capture(e) => CliError::Sequence(e.to_string()),
-        ReplayError::NoFrames(_) => CliError::Sequence(error.to_string()),
-        ReplayError::Output(e) => CliError::Output(e.to_string()),
-        ReplayError::Pipeline(e) => CliError::Run(e.to_string()),
-    }
 }

@@ -2,6 +2,7 @@
 
 mod args;
 mod commands;
+mod error;
 mod objects;
 mod pictures;
 mod report;
@@ -13,44 +14,8 @@ mod tradeoff;
 
 use args::{Cli, Command, Study};
 use clap::Parser;
+use error::CliError;
 use std::process::ExitCode;
-
-/// What went wrong, by the exit code that scripts see (2 is clap's, for wrong usage).
-#[derive(Debug, thiserror::Error)]
-pub enum CliError {
-    #[error("{0}")]
-    Usage(String),
-    #[error("{0}")]
-    Sequence(String),
-    #[error("{0}")]
-    Object(String),
-    #[error("{0}")]
-    Output(String),
-    #[error("{0}")]
-    Run(String),
-}
-
-impl CliError {
-    fn exit_code(&self) -> u8 {
-        match self {
-            CliError::Run(_) => 1,
-            CliError::Usage(_) => 2,
-            CliError::Sequence(_) => 3,
-            CliError::Object(_) => 4,
-            CliError::Output(_) => 5,
-        }
-    }
-
-    fn kind(&self) -> &'static str {
-        match self {
-            CliError::Run(_) => "run",
-            CliError::Usage(_) => "usage",
-            CliError::Sequence(_) => "sequence",
-            CliError::Object(_) => "object",
-            CliError::Output(_) => "output",
-        }
-    }
-}
 
 pub fn main() -> ExitCode {
     let cli = Cli::parse();

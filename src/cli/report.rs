@@ -2,7 +2,7 @@
 
 use super::{CliError, Talk};
 use clap::Args;
-use kinlight::report::{Sources, write_report};
+use kinlight::report::{Problem, Sources, write_report};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,8 @@ pub fn run(args: &ReportArgs, talk: Talk) -> Result<(), CliError> {
     if sources.is_empty() {
         return Err(CliError::Run(nothing_found(&sources, &missing)));
     }
-    write_report(&sources, &args.out).map_err(|e| CliError::Output(e.to_string()))?;
+    let unread = write_report(&sources, &args.out).map_err(|e| CliError::Output(e.to_string()))?;
+    let problems: Vec<&Problem> = sources.problems.iter().chain(&unread).collect();
     talk.say(format_args!(
         "{}: {} runs, {} light studies, {} composite studies, {} sweeps",
         args.out.display(),
@@ -38,8 +39,8 @@ pub fn run(args: &ReportArgs, talk: Talk) -> Result<(), CliError> {
     for (what, command) in &missing {
         talk.say(format_args!("not there: {what}; `{command}` makes it"));
     }
-    if !sources.problems.is_empty() {
-        let problems = problem_lines(&sources);
+    if !problems.is_empty() {
+        let problems = problem_lines(problems);
         return Err(CliError::Run(format!(
             "{} is written, but not with these files:{problems}",
             args.out.display()
@@ -62,18 +63,20 @@ pub fn run(args: &ReportArgs, talk: Talk) -> Result<(), CliError> {
 /// named and no reason to fail.
 pub fn write_page(folder: &Path) -> Result<(), CliError> {
     let sources = Sources::find(&[folder.to_owned()]);
-    for problem in &sources.problems {
+    let unread =
+        write_report(&sources, &folder.join(PAGE)).map_err(|e| CliError::Output(e.to_string()))?;
+    for problem in sources.problems.iter().chain(&unread) {
         log::warn!("{PAGE}: left out {problem}");
     }
-    write_report(&sources, &folder.join(PAGE)).map_err(|e| CliError::Output(e.to_string()))
+    Ok(())
 }
 
 fn nothing_found(sources: &Sources, missing: &[(&str, &str)]) -> String {
     let commands: Vec<&str> = missing.iter().map(|(_, command)| *command).collect();
     let commands = commands.join(", ");
-    format!("nothing to report: run one of {commands} first{}", problem_lines(sources))
+    format!("nothing to report: run one of {commands} first{}", problem_lines(&sources.problems))
 }
 
-fn problem_lines(sources: &Sources) -> String {
-    sources.problems.iter().map(|problem| format!("\n  {problem}")).collect()
+fn problem_lines<'a>(problems: impl IntoIterator<Item = &'a Problem>) -> String {
+    problems.into_iter().map(|problem| format!("\n  {problem}")).collect()
 }

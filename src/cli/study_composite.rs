@@ -2,7 +2,6 @@
 
 use super::{CliError, Talk, args, setup};
 use clap::Args;
-use kinlight::study::StudyError;
 use kinlight::study::composite::{
     CompositeOptions, MadeOptions, run_study, summary, usual_folders,
 };
@@ -66,19 +65,9 @@ pub fn run(args: &CompositeStudyArgs, talk: Talk) -> Result<(), CliError> {
         bar.set_position(done as u64);
     });
     bar.finish_and_clear();
-    let study = study.map_err(by_kind)?;
+    let study = study?;
     talk.say(summary(&study));
     talk.say(format_args!("written to {}", args.out.display()));
     talk.result(&serde_json::json!({ "out": args.out, "study": study }));
     Ok(())
-}
-
-fn by_kind(error: StudyError) -> CliError {
-    let text = error.to_string();
-    match error {
-        StudyError::Options(_) | StudyError::Settings(_) => CliError::Usage(text),
-        StudyError::Capture(_) | StudyError::File { .. } => CliError::Sequence(text),
-        StudyError::Output(_) | StudyError::Synth(_) => CliError::Output(text),
-        StudyError::Pipeline(_) | StudyError::Eval(_) => CliError::Run(text),
-    }
 }

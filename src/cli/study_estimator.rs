@@ -1,6 +1,5 @@
 //! `kinlight study estimator`.
 
-use super::study_light::by_kind;
 use super::{CliError, Talk, setup};
 use clap::Args;
 use kinlight::study::light::LightPlan;
@@ -37,10 +36,9 @@ pub fn run(args: &EstimatorStudyArgs, talk: Talk) -> Result<(), CliError> {
     let study = estimator::run(&plan, &command, &store, &|done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
-    })
-    .map_err(by_kind)?;
+    })?;
     bar.finish_and_clear();
-    estimator::write(&study, &args.out).map_err(by_kind)?;
+    estimator::write(&study, &args.out)?;
     talk.say(estimator::summary(&study));
     talk.say(format_args!("written to {}", args.out.display()));
     talk.result(&json!({ "out": args.out, "runs": study.runs }));

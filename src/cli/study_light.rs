@@ -4,9 +4,8 @@ use super::args::parse_size;
 use super::{CliError, Talk, setup};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use kinlight::study::SequenceStore;
 use kinlight::study::light::{self, LightPlan, LightStudy, Progress};
-use kinlight::study::{SequenceStore, StudyError};
-use kinlight::synth::SynthError;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -107,10 +106,9 @@ pub fn run(args: &LightStudyArgs, talk: Talk) -> Result<(), CliError> {
     let store = SequenceStore::new(sequences);
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let bar = bar(talk);
-    let study = light::run(&args.plan(), &command, &store, &args.out, &|p| show(&bar, p))
-        .map_err(by_kind)?;
+    let study = light::run(&args.plan(), &command, &store, &args.out, &|p| show(&bar, p))?;
     bar.finish_and_clear();
-    light::write(&study, &args.out).map_err(by_kind)?;
+    light::write(&study, &args.out)?;
     talk.say(light::summary(&study));
     talk.say(format_args!("written to {}", args.out.display()));
     talk.result(&result(&study, args));
@@ -164,17 +162,4 @@ fn result(study: &LightStudy, args: &LightStudyArgs) -> serde_json::Value {
         "steps": steps.collect::<Vec<_>>(),
         "jitter": study.jitter,
     })
-}
-
-pub(super) fn by_kind(error: StudyError) -> CliError {
-    let text = error.to_string();
-    match error {
-        StudyError::Options(_) | StudyError::Settings(_) => CliError::Usage(text),
-        StudyError::Synth(SynthError::Options(_)) => CliError::Usage(text),
-        StudyError::Synth(_) | StudyError::Output(_) | StudyError::File { .. } => {
-            CliError::Output(text)
-        }
-        StudyError::Capture(_) | StudyError::Eval(_) => CliError::Sequence(text),
-        StudyError::Pipeline(_) => CliError::Run(text),
-    }
 }

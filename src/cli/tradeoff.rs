@@ -82,8 +82,8 @@ pub fn run(args: &TradeoffArgs, talk: Talk) -> Result<(), CliError> {
         },
     };
     let command = std::env::args().collect::<Vec<_>>().join(" ");
-    let variants = plan(args.quick).map_err(by_kind)?;
-    let (study, kind) = sweep.run(variants, !args.quick, command).map_err(by_kind)?;
+    let variants = plan(args.quick)?;
+    let (study, kind) = sweep.run(variants, !args.quick, command)?;
     bar.finish_and_clear();
 
     let write_error = |e: kinlight::output::OutputError| CliError::Output(e.to_string());
@@ -114,15 +114,5 @@ impl ErrorArg {
             Self::Transfer => ErrorKind::Transfer,
             Self::Light => ErrorKind::Light,
         }
-    }
-}
-
-fn by_kind(error: StudyError) -> CliError {
-    match error {
-        StudyError::Capture(e) => CliError::Sequence(e.to_string()),
-        StudyError::Eval(e) => CliError::Sequence(e.to_string()),
-        StudyError::Output(e) => CliError::Output(e.to_string()),
-        StudyError::Options(e) => CliError::Usage(e),
-        other => CliError::Run(other.to_string()),
     }
 }

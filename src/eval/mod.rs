@@ -11,8 +11,6 @@ pub mod transfer;
 pub enum EvalError {
     #[error("{path}: {source}")]
     Io { path: String, source: std::io::Error },
-    #[error("{path}:{line}: {problem}")]
-    Line { path: String, line: usize, problem: String },
     #[error("{path}: {problem}")]
     File { path: String, problem: String },
     #[error(

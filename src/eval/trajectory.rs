@@ -2,13 +2,11 @@
 //! defines them (Sturm et al. 2012, Sec. V).
 
 mod align;
-mod file;
 
 #[cfg(test)]
 mod tests;
 
 pub use align::{Alignment, Degeneracy, align};
-pub use file::read_tum;
 
 use super::EvalError;
 use crate::math::Pose;

@@ -35,6 +35,7 @@ pub(crate) use empty_space::EmptySpace;
 pub use lattice::Lattice;
 pub(crate) use occlusion::Occlusion;
 pub use placement::place_centre;
+pub use schedule::Shown;
 pub use surface::SurfaceStage;
 pub use volume::{FusionError, TsdfVolume};
 

@@ -4,9 +4,10 @@ use super::{AuxiliaryRig, Lattice, SurfaceParams};
 use crate::math::View;
 use glam::Vec3;
 
-/// What an auxiliary buffer shows: its view, and the volume's revision at that time.
-#[derive(Clone, Copy, Debug)]
-struct Shown {
+/// What an auxiliary buffer shows: its view, and the volume's revision at that time. Buffers of the same
+/// volume that show the same hold the same.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
     view: View,
     revision: Option<u64>,
 }
@@ -37,6 +38,11 @@ impl AuxiliarySchedule {
 
     pub fn rig(&self) -> &AuxiliaryRig {
         &self.rig
+    }
+
+    /// What each buffer shows.
+    pub fn shown(&self) -> &[Shown] {
+        &self.shown
     }
 
     /// The views that buffers are wanted for, in the buffers' order.

@@ -1,7 +1,7 @@
 //! The Surface stage: the main geometry buffer every frame, the auxiliary ones when they are out
 //! of date.
 
-use super::schedule::AuxiliarySchedule;
+use super::schedule::{AuxiliarySchedule, Shown};
 use super::{AuxiliaryRig, SurfaceParams, TsdfVolume};
 use crate::geometry::GBuffer;
 use crate::math::View;
@@ -29,6 +29,11 @@ impl SurfaceStage {
             auxiliary: Vec::new(),
             schedule: AuxiliarySchedule::new(&volume.lattice, &first_camera, params),
         }
+    }
+
+    /// What each auxiliary buffer shows.
+    pub fn shown(&self) -> &[Shown] {
+        self.schedule.shown()
     }
 
     pub fn rig(&self) -> &AuxiliaryRig {

@@ -6,6 +6,8 @@ use crate::geometry::{GBuffer, Origin};
 use crate::image::Image;
 use crate::math::sh;
 use glam::Vec3;
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// The light of one direction, as the paper's bounce takes it (Gruber et al. 2015, Eq. 10): the
 /// directional light whose band 1 equals that of the estimate.
@@ -43,14 +45,29 @@ pub fn exitant_radiance(
     mean_albedo: f32,
     out: &mut Image<[f32; 3]>,
 ) {
-    use rayon::prelude::*;
     let size = buffer.size();
     out.reshape(size, [0.0; 3]);
+    let all = (0..size.width, 0..size.height);
+    exitant_radiance_within(all, buffer, layer, camera_color, light, mean_albedo, out);
+}
+
+/// As [`exitant_radiance`], for these columns and rows; the rest of `out`, which must have the size of
+/// `buffer`, stays.
+pub fn exitant_radiance_within(
+    (columns, rows): (Range<usize>, Range<usize>),
+    buffer: &GBuffer,
+    layer: &VirtualLayer,
+    camera_color: Option<&Image<[f32; 3]>>,
+    light: Option<DominantLight>,
+    mean_albedo: f32,
+    out: &mut Image<[f32; 3]>,
+) {
+    assert_eq!(out.size(), buffer.size(), "radiance of the buffer");
     let scale = std::f32::consts::FRAC_1_PI / mean_albedo;
-    out.par_rows_mut().for_each(|(y, row)| {
+    out.par_rows_mut().skip(rows.start).take(rows.len()).with_min_len(16).for_each(|(y, row)| {
         let origins = buffer.origin.row(y);
-        for (x, radiance) in row.iter_mut().enumerate() {
-            *radiance = match (origins[x], camera_color, light) {
+        for x in columns.clone() {
+            row[x] = match (origins[x], camera_color, light) {
                 (Origin::Virtual, _, Some(light)) => {
                     let cosine = buffer.normals.at(x, y).dot(light.towards_light).max(0.0);
                     let albedo = layer.albedo[(x, y)];

@@ -5,15 +5,20 @@ use std::f64::consts::PI;
 
 /// A Fibonacci spiral of n unit vectors from +z to -z.
 pub fn fibonacci_sphere(n: usize) -> Vec<Vec3> {
+    fibonacci_sphere_f64(n).map(|direction| direction.as_vec3()).collect()
+}
+
+/// The same in f64, any part of it at a time.
+pub fn fibonacci_sphere_f64(
+    n: usize,
+) -> impl ExactSizeIterator<Item = DVec3> + DoubleEndedIterator + Clone {
     let golden = PI * (3.0 - 5f64.sqrt());
-    (0..n)
-        .map(|i| {
-            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
-            let r = (1.0 - z * z).sqrt();
-            let (sin, cos) = (golden * i as f64).sin_cos();
-            DVec3::new(r * cos, r * sin, z).as_vec3()
-        })
-        .collect()
+    (0..n).map(move |i| {
+        let z = 1.0 - (2 * i + 1) as f64 / n as f64;
+        let r = (1.0 - z * z).sqrt();
+        let (sin, cos) = (golden * i as f64).sin_cos();
+        DVec3::new(r * cos, r * sin, z)
+    })
 }
 
 #[cfg(test)]

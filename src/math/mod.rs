@@ -1,13 +1,15 @@
-//! Poses, views, spherical harmonics, and rays through boxes.
+//! Poses, views, spherical harmonics, quantiles, and rays through boxes.
 
 pub mod bvh;
 pub mod color;
 mod fibonacci;
 pub mod random;
 pub mod sh;
+mod statistics;
 mod view;
 
-pub use fibonacci::fibonacci_sphere;
+pub use fibonacci::{fibonacci_sphere, fibonacci_sphere_f64};
+pub use statistics::{median, quantile};
 pub use view::{Orthographic, Pinhole, Projection, View};
 
 /// Rigid transform in f64; named `a_from_b`, so that `a_from_b * b_from_c` reads itself.

@@ -99,10 +99,16 @@ pub fn basis_lanes<const L: usize>(
             let (plus, minus) = (l * (l + 1) + m, l * (l + 1) - m);
             let (a, b) = ((2 * l + 1) as f32, (l + m) as f32);
             let scale = 1.0 / (l + 1 - m) as f32;
+            // Loops of one output each: two that may be the same row keep LLVM from using vectors.
+            if m > 0 {
+                for i in 0..L {
+                    out[minus][i] = k * current[i] * im[i];
+                }
+            }
             for i in 0..L {
-                // For m = 0 the second line overwrites the first, where im = 0.
-                out[minus][i] = k * current[i] * im[i];
                 out[plus][i] = k * current[i] * re[i];
+            }
+            for i in 0..L {
                 let next = (z[i] * a * current[i] - b * previous[i]) * scale;
                 previous[i] = current[i];
                 current[i] = next;
@@ -124,17 +130,7 @@ pub fn dominant_direction(coefficients: &[f32]) -> Option<Vec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Points of a Fibonacci sphere.
-    fn sphere(n: usize) -> impl Iterator<Item = DVec3> {
-        let golden = PI * (3.0 - 5f64.sqrt());
-        (0..n).map(move |i| {
-            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
-            let r = (1.0 - z * z).sqrt();
-            let phi = golden * i as f64;
-            DVec3::new(r * phi.cos(), r * phi.sin(), z)
-        })
-    }
+    use crate::math::fibonacci_sphere_f64;
 
     #[test]
     fn named_constants_and_signs() {
@@ -170,7 +166,7 @@ mod tests {
         let n = 20_000;
         let mut gram = vec![0.0; MAX_COEFFICIENTS * MAX_COEFFICIENTS];
         let mut y = [0.0; MAX_COEFFICIENTS];
-        for d in sphere(n) {
+        for d in fibonacci_sphere_f64(n) {
             basis_f64(d, MAX_BANDS, &mut y);
             for i in 0..MAX_COEFFICIENTS {
                 for j in 0..MAX_COEFFICIENTS {
@@ -193,7 +189,7 @@ mod tests {
         let n = 200_000;
         let mut sum = [0.0; MAX_COEFFICIENTS];
         let mut y = [0.0; MAX_COEFFICIENTS];
-        for d in sphere(n) {
+        for d in fibonacci_sphere_f64(n) {
             basis_f64(d, MAX_BANDS, &mut y);
             let w = normal.dot(d).max(0.0) * 4.0 / n as f64;
             sum.iter_mut().zip(y).for_each(|(s, y)| *s += w * y);
@@ -206,7 +202,7 @@ mod tests {
 
     #[test]
     fn lanes_agree_with_the_scalar_basis() {
-        let directions: Vec<_> = sphere(32).collect();
+        let directions: Vec<_> = fibonacci_sphere_f64(32).collect();
         for bands in 1..=MAX_BANDS {
             let lane = |axis: usize| std::array::from_fn(|i| directions[i][axis] as f32);
             let mut out = [[f32::NAN; 32]; MAX_COEFFICIENTS];

@@ -46,7 +46,8 @@ pub enum OutputError {
 }
 
 impl OutputError {
-    fn io(path: &Path, source: std::io::Error) -> Self {
+    /// Of a file or folder that cannot be written.
+    pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
         let path = path.display().to_string();
         let full = [std::io::ErrorKind::StorageFull, std::io::ErrorKind::QuotaExceeded];
         match source.kind() {
@@ -55,7 +56,7 @@ impl OutputError {
         }
     }
 
-    fn content(path: &Path, problem: impl Into<String>) -> Self {
+    pub(crate) fn content(path: &Path, problem: impl Into<String>) -> Self {
         OutputError::Content { path: path.display().to_string(), problem: problem.into() }
     }
 }

@@ -2,6 +2,7 @@
 //! Tables 1 and 2). All times are wall-clock milliseconds.
 
 use super::{LineWriter, OutputError, atomic_write};
+use crate::math::{median, quantile};
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::TrackingState;
 use serde::{Deserialize, Serialize};
@@ -83,7 +84,7 @@ impl TimingSummary {
     pub fn new(timings: &[FrameTiming], warmup_frames: usize) -> Option<Self> {
         let measured = timings.get(warmup_frames..).filter(|rest| !rest.is_empty())?;
         let over_frames = |time: &dyn Fn(&FrameTiming) -> Duration| {
-            Quantiles::of(measured.iter().map(|t| ms(time(t))).collect())
+            Quantiles::of(measured.iter().map(|t| ms(time(t)))).expect("not empty, and finite")
         };
         let update = over_frames(&|t| t.stages.update());
         Some(Self {
@@ -102,17 +103,15 @@ impl TimingSummary {
 }
 
 impl Quantiles {
-    /// Of at least one value.
-    fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let n = values.len();
-        let share = |p: usize| values[(p * n).div_ceil(100) - 1];
-        Self {
-            median_ms: 0.5 * (values[(n - 1) / 2] + values[n / 2]),
-            p95_ms: share(95),
-            p99_ms: share(99),
-            max_ms: values[n - 1],
-        }
+    /// `None` without a value.
+    fn of(values: impl Iterator<Item = f64> + Clone) -> Option<Self> {
+        let at = |share| quantile(values.clone(), share);
+        Some(Self {
+            median_ms: median(values.clone())?,
+            p95_ms: at(0.95)?,
+            p99_ms: at(0.99)?,
+            max_ms: at(1.0)?,
+        })
     }
 }
 

@@ -18,7 +18,7 @@ mod sources;
 mod statistics;
 mod ticks;
 
-pub use page::{page, write_report};
+pub use page::{Page, page, write_report};
 pub use run_record::{RUN_RECORD, RunRecord};
 pub use sources::{Found, Problem, RunFolder, Sources};
 

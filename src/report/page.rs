@@ -1,26 +1,36 @@
 //! The page: one file that needs no other and no network.
 
 use super::markup::escape;
-use super::pictures::Budget;
+use super::pictures::Pictures;
 use super::sections::{
     Section, composite, light, paper_tables, settings, stages, steps, summary, tradeoff,
 };
-use super::sources::Sources;
+use super::sources::{Problem, Sources};
 use crate::output::{OutputError, atomic_write};
 use std::path::Path;
 
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// The page of everything in `sources`. It is well-formed XML as well as HTML.
-pub fn page(sources: &Sources) -> String {
+/// A page, and what is not on it.
+#[derive(Clone, Debug)]
+pub struct Page {
+    /// Well-formed XML as well as HTML.
+    pub html: String,
+    /// Pictures that could not be read. The page names them too.
+    pub problems: Vec<Problem>,
+}
+
+/// The page of everything in `sources`.
+pub fn page(sources: &Sources) -> Page {
     // pictures of the composite study first: of all, they say most
-    let mut budget = Budget::default();
-    let composite = composite::section(sources, &mut budget);
-    let light = light::section(sources, &mut budget);
-    let stages = stages::section(sources, &mut budget);
+    let mut pictures = Pictures::default();
+    let composite = composite::section(sources, &mut pictures);
+    let light = light::section(sources, &mut pictures);
+    let stages = stages::section(sources, &mut pictures);
+    let problems = pictures.into_problems();
     let sections: Vec<Section> = [
-        Some(summary::section(sources)),
+        Some(summary::section(sources, &problems)),
         paper_tables::section(sources),
         stages,
         light,
@@ -33,13 +43,14 @@ pub fn page(sources: &Sources) -> String {
     .flatten()
     .filter(|section| !section.html.is_empty())
     .collect();
-    assembled(&sections)
+    Page { html: assembled(&sections), problems }
 }
 
-/// Writes the [`page`] of `sources`.
-pub fn write_report(sources: &Sources, path: &Path) -> Result<(), OutputError> {
+/// Writes the [`page`] of `sources`. Gives the pictures that could not be read.
+pub fn write_report(sources: &Sources, path: &Path) -> Result<Vec<Problem>, OutputError> {
     let page = page(sources);
-    atomic_write(path, |out| out.write_all(page.as_bytes()))
+    atomic_write(path, |out| out.write_all(page.html.as_bytes()))?;
+    Ok(page.problems)
 }
 
 fn assembled(sections: &[Section]) -> String {

@@ -1,25 +1,49 @@
 //! Pictures small enough to travel inside a page, as data URIs.
 
+use super::sources::Problem;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use image::{Rgb, RgbImage};
 use std::path::Path;
 
-/// Bytes of data URIs that one page may still take. A page of this size opens at once and passes as an
-/// attachment.
+/// The pictures of one page: what they may still take, and which could not be read.
 #[derive(Debug)]
-pub(super) struct Budget {
+pub(super) struct Pictures {
+    /// Bytes of data URIs. A page of this size opens at once and passes as an attachment.
     left: usize,
+    problems: Vec<Problem>,
 }
 
-impl Default for Budget {
+impl Default for Pictures {
     fn default() -> Self {
-        Self { left: 6 << 20 }
+        Self { left: 6 << 20, problems: Vec::new() }
     }
 }
 
-impl Budget {
-    /// Takes all of these from the budget, or nothing.
+impl Pictures {
+    /// Reads a picture of 8 bits, no wider than `width`. `None` where there is no such file; one that
+    /// cannot be read becomes a problem.
+    pub fn read(&mut self, path: &Path, width: u32) -> Option<RgbImage> {
+        if !path.exists() {
+            return None;
+        }
+        let picture = read(path, width);
+        picture.map_err(|e| self.problem(path, &e.to_string())).ok()
+    }
+
+    fn problem(&mut self, path: &Path, problem: &str) {
+        let problem = Problem { path: path.to_owned(), problem: problem.to_owned() };
+        if !self.problems.contains(&problem) {
+            self.problems.push(problem);
+        }
+    }
+
+    /// Files that are there and could not be read.
+    pub fn into_problems(self) -> Vec<Problem> {
+        self.problems
+    }
+
+    /// Takes all of these from what is left, or nothing.
     pub fn take<'a>(&mut self, uris: impl IntoIterator<Item = &'a str>) -> bool {
         let bytes = uris.into_iter().map(str::len).sum();
         match self.left.checked_sub(bytes) {
@@ -34,11 +58,8 @@ impl Budget {
 
 const QUALITY: u8 = 85;
 
-/// Reads a picture of 8 bits, no wider than `width`.
-pub(super) fn read(path: &Path, width: u32) -> Result<RgbImage, String> {
-    let at = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-    let reader = image::ImageReader::open(path).map_err(|e| at(&e))?;
-    let picture = reader.decode().map_err(|e| at(&e))?.into_rgb8();
+fn read(path: &Path, width: u32) -> image::ImageResult<RgbImage> {
+    let picture = image::open(path)?.into_rgb8();
     if picture.width() <= width {
         return Ok(picture);
     }
@@ -138,19 +159,24 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         RgbImage::from_pixel(90, 30, Rgb([9, 200, 30])).save(&path).unwrap();
-        let small = read(&path, 30).unwrap();
+        let mut pictures = Pictures::default();
+        let small = pictures.read(&path, 30).unwrap();
         assert_eq!(small.dimensions(), (30, 10));
         assert!(data_uri(&small).unwrap().starts_with("data:image/jpeg;base64,/9j/"));
         std::fs::write(&path, b"no picture").unwrap();
-        assert!(read(&path, 30).unwrap_err().contains("a.png"));
-        assert!(read(&folder.path().join("b.png"), 30).unwrap_err().contains("b.png"));
+        assert_eq!(pictures.read(&folder.path().join("b.png"), 30), None, "not there");
+        assert_eq!(pictures.read(&path, 30), None, "broken");
+        assert_eq!(pictures.read(&path, 30), None, "asked for again");
+        let problems = pictures.into_problems();
+        assert_eq!(problems.len(), 1, "{problems:?}");
+        assert!(problems[0].path == path && !problems[0].problem.is_empty());
     }
 
     #[test]
-    fn a_budget_takes_all_or_nothing() {
-        let mut budget = Budget { left: 10 };
-        assert!(budget.take(["1234", "567"]));
-        assert!(!budget.take(["12", "34"]));
-        assert!(budget.take(["123"]));
+    fn the_page_takes_all_or_nothing() {
+        let mut pictures = Pictures { left: 10, problems: vec![] };
+        assert!(pictures.take(["1234", "567"]));
+        assert!(!pictures.take(["12", "34"]));
+        assert!(pictures.take(["123"]));
     }
 }

@@ -1,6 +1,6 @@
 //! Summaries that plots draw.
 
-use crate::study::median;
+use crate::math::median;
 use glam::DVec3;
 
 /// Five numbers of a box plot (Tukey): whiskers end at the outermost values within 1.5 times the

@@ -155,7 +155,7 @@ fn section_ids(page: &str) -> Vec<String> {
 
 #[test]
 fn the_page_has_a_section_for_each_record() {
-    let page = page(&all_sources());
+    let page = page(&all_sources()).html;
     let all =
         ["summary", "tables", "stages", "light", "steps", "tradeoff", "composite", "settings"];
     assert_eq!(section_ids(&page), all);
@@ -173,7 +173,7 @@ fn the_page_has_a_section_for_each_record() {
 fn a_page_of_less_says_what_is_missing() {
     let sources =
         Sources { runs: vec![run_folder("ours", fixtures::STAGES_MS[0].1)], ..Sources::default() };
-    let page = page(&sources);
+    let page = page(&sources).html;
     assert_eq!(section_ids(&page), ["summary", "tables", "stages", "settings"]);
     assert!(page.contains("kinlight study light") && page.contains("kinlight tradeoff"));
     assert!(!page.contains("kinlight compare"));
@@ -184,13 +184,13 @@ fn a_page_of_less_says_what_is_missing() {
     broken.tradeoff[0].record.points.clear();
     broken.composite[0].record.runs.clear();
     broken.runs.clear();
-    section_ids(&super::page(&broken));
-    section_ids(&super::page(&Sources::default()));
+    section_ids(&super::page(&broken).html);
+    section_ids(&super::page(&Sources::default()).html);
 }
 
 #[test]
 fn variants_are_compared_with_their_own_preset() {
-    let page = page(&all_sources());
+    let page = page(&all_sources()).html;
     // (0.46 + d) / (0.40 + d) - 1 over the sequences and objects of the fixture, d as it adds there
     let d = |s: usize, o: usize| 0.02 * s as f64 + 0.01 * o as f64 + 0.004;
     let ratios = (0..6).map(|i| (0.46 + d(i / 3, i % 3)) / (0.40 + d(i / 3, i % 3)) - 1.0);

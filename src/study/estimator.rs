@@ -4,12 +4,13 @@
 //! The steps were chosen on some of the scenes; the others tell whether they hold elsewhere.
 
 use super::light::{LightPlan, sequence_name};
-use super::{Machine, SequenceStore, StudyError, each_frame, median, open_made};
+use super::{Machine, SequenceStore, StudyError, each_frame, open_made};
 use crate::capture::FrameSource;
 use crate::config::Settings;
 use crate::eval::light::LightTruth;
 use crate::lighting::LightEstimator;
-use crate::output::atomic_write;
+use crate::math::median;
+use crate::output::{OutputError, atomic_write};
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;
 use serde::{Deserialize, Serialize};
@@ -152,10 +153,7 @@ fn observe(
 
 /// `study.json` and `summary.md` in `out`.
 pub fn write(study: &EstimatorStudy, out: &Path) -> Result<(), StudyError> {
-    std::fs::create_dir_all(out).map_err(|e| StudyError::File {
-        path: out.display().to_string(),
-        problem: e.to_string(),
-    })?;
+    std::fs::create_dir_all(out).map_err(|e| OutputError::io(out, e))?;
     atomic_write(&out.join("study.json"), |w| {
         serde_json::to_writer_pretty(&mut *w, study)?;
         writeln!(w)

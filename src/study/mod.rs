@@ -37,10 +37,9 @@ pub enum StudyError {
     Options(String),
 }
 
-/// Median of the finite values: the mean of the two in the middle for an even count.
-pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
+impl StudyError {
+    /// Of a file that a study reads.
+    pub fn file(path: &std::path::Path, problem: impl ToString) -> Self {
+        Self::File { path: path.display().to_string(), problem: problem.to_string() }
+    }
 }

@@ -1,6 +1,7 @@
 //! Made sequences on disk, each made once.
 
 use super::StudyError;
+use crate::output::OutputError;
 use crate::synth::{OPTIONS_FILE, SynthOptions, generate};
 use std::path::{Path, PathBuf};
 
@@ -36,12 +37,12 @@ impl SequenceStore {
         let partial = self.folder.join(format!("{name}.partial"));
         for stale in [&path, &partial] {
             if stale.exists() {
-                std::fs::remove_dir_all(stale).map_err(|e| file_error(stale, &e))?;
+                std::fs::remove_dir_all(stale).map_err(|e| OutputError::io(stale, e))?;
             }
         }
-        std::fs::create_dir_all(&self.folder).map_err(|e| file_error(&self.folder, &e))?;
+        std::fs::create_dir_all(&self.folder).map_err(|e| OutputError::io(&self.folder, e))?;
         generate(options, &partial, progress)?;
-        std::fs::rename(&partial, &path).map_err(|e| file_error(&partial, &e))?;
+        std::fs::rename(&partial, &path).map_err(|e| OutputError::io(&partial, e))?;
         Ok(path)
     }
 }
@@ -49,10 +50,6 @@ impl SequenceStore {
 /// The options that a complete made sequence was made with.
 fn made_with(path: &Path) -> Option<SynthOptions> {
     serde_json::from_slice(&std::fs::read(path.join(OPTIONS_FILE)).ok()?).ok()
-}
-
-fn file_error(path: &Path, problem: &dyn std::fmt::Display) -> StudyError {
-    StudyError::File { path: path.display().to_string(), problem: problem.to_string() }
 }
 
 #[cfg(test)]

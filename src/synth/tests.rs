@@ -8,7 +8,7 @@ use super::scenes;
 use super::shape::Shape;
 use super::tracer::{Shot, World, render_centres, render_radiance};
 use crate::math::bvh::Ray;
-use crate::math::{Pinhole, Pose, View, sh};
+use crate::math::{Pinhole, Pose, View, fibonacci_sphere_f64, sh};
 use crate::scene::analytic::{self, AnalyticScene};
 use glam::{Affine3A, DVec3, Quat, Vec3, Vec3A};
 use std::f64::consts::PI;
@@ -165,15 +165,11 @@ fn true_light_of_an_area_light_matches_quadrature_over_directions() {
     // All directions of a Fibonacci sphere that meet the rectangle.
     let n = 400_000;
     let mut expected = [0.0; 16];
-    for i in 0..n {
-        let z = 1.0 - (2 * i + 1) as f64 / f64::from(n);
-        let phi = PI * (3.0 - 5f64.sqrt()) * f64::from(i);
-        let r = (1.0 - z * z).sqrt();
-        let direction = DVec3::new(r * phi.cos(), r * phi.sin(), z);
+    for direction in fibonacci_sphere_f64(n) {
         if let Some(seen) = light.hit(point.as_vec3a(), direction.as_vec3a()) {
             let mut basis = [0.0; sh::MAX_COEFFICIENTS];
             sh::basis_f64(direction, 4, &mut basis);
-            let weight = f64::from(seen.radiance.y) * 4.0 * PI / f64::from(n);
+            let weight = f64::from(seen.radiance.y) * 4.0 * PI / n as f64;
             expected.iter_mut().zip(basis).for_each(|(e, y)| *e += y * weight);
         }
     }

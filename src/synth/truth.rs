@@ -7,6 +7,7 @@ use super::scene::{NamedLight, Scene};
 use super::tracer::World;
 use crate::math::bvh::Ray;
 use crate::math::color::luminance;
+use crate::math::fibonacci_sphere_f64;
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -35,19 +36,16 @@ fn add(to: &mut Sh, from: &Sh, factor: f64) {
 
 /// Everything that arrives at the probe point, light that the scene scatters included.
 pub fn probe_sh(scene: &Scene, world: &World, bounces: u32) -> Sh {
-    let n = 1 << 15;
-    let golden = PI * (3.0 - 5f64.sqrt());
-    let arriving: Vec<(DVec3, [f64; 3])> = (0..n)
+    const DIRECTIONS: usize = 1 << 15;
+    let directions: Vec<DVec3> = fibonacci_sphere_f64(DIRECTIONS).collect();
+    let arriving: Vec<(DVec3, [f64; 3])> = directions
         .into_par_iter()
-        .map(|i| {
-            // Fibonacci sphere
-            let z = 1.0 - (2 * i + 1) as f64 / f64::from(n);
-            let (r, phi) = ((1.0 - z * z).sqrt(), golden * f64::from(i));
-            let direction = DVec3::new(r * phi.cos(), r * phi.sin(), z);
+        .enumerate()
+        .map(|(i, direction)| {
             let ray = Ray::new(scene.probe.as_vec3a(), direction.as_vec3a());
             let mut sampler = Sampler::new(&[0x9b0b_e001, i as u32], 0);
             let radiance = world.radiance(ray, bounces, &mut sampler).as_dvec3();
-            (direction, (radiance * (4.0 * PI / f64::from(n))).to_array())
+            (direction, (radiance * (4.0 * PI / DIRECTIONS as f64)).to_array())
         })
         .collect();
     let mut out = Sh::default();

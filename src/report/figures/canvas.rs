@@ -138,7 +138,7 @@ impl Canvas {
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"kf\" viewBox=\"0 0 {width:.0} \
              {height:.0}\" width=\"{width:.0}\" height=\"{height:.0}\" role=\"img\" \
-             aria-label=\"{name}\"><style>{STYLE}</style>{body}</svg>"
+             style=\"--width:{width:.0}px\" aria-label=\"{name}\"><style>{STYLE}</style>{body}</svg>"
         )
     }
 

@@ -2,20 +2,21 @@
 
 use super::slider::{Choice, slider};
 use super::{Section, depth_name};
+use crate::math::median;
 use crate::report::markup::{escape, number, table, three_digits};
-use crate::report::pictures::{self, Budget};
+use crate::report::pictures::{self, Pictures};
 use crate::report::sources::{Found, Sources, picture_cases, pictures_in};
 use crate::report::statistics::mean;
 use crate::study::composite::{CompositeFrame, CompositeRun, CompositeStudy};
-use crate::study::median;
 use image::RgbImage;
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// `None` without a composite study.
-pub(in crate::report) fn section(sources: &Sources, budget: &mut Budget) -> Option<Section> {
+pub(in crate::report) fn section(sources: &Sources, pictures: &mut Pictures) -> Option<Section> {
     let mut html = String::new();
     for found in &sources.composite {
-        html += &all_pictures(found, budget);
+        html += &all_pictures(found, pictures);
         html += &variants(&found.record);
         html += &objects(&found.record);
     }
@@ -165,43 +166,76 @@ fn objects(study: &CompositeStudy) -> String {
 
 const WIDTH: u32 = 640;
 
-fn all_pictures(found: &Found<CompositeStudy>, budget: &mut Budget) -> String {
+fn all_pictures(found: &Found<CompositeStudy>, pictures: &mut Pictures) -> String {
     let mut html = String::new();
     for case in picture_cases(&found.folder) {
         let name = case.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        html += &slider(&name, &case_choices(&case), (0, 1), budget);
+        for (frame, paths) in by_frame(pictures_in(&case)) {
+            let caption = format!("{name}, frame {frame}");
+            html += &slider(&caption, &choices(&paths, pictures), (0, 1), pictures);
+        }
     }
     match html.is_empty() {
         true => html,
         false => format!(
             "<p class=\"note\">Drag the line, or move it with the arrow keys. \u{201c}Difference\u{201d} \
              is to the truth, in encoded values, black for none; a quarter of the range and more is \
-             pale yellow.</p><div class=\"pictures\">{html}</div>"
+             pale yellow; \u{201c}FLIP\u{201d} is the perceived one.</p><div class=\"pictures\">{html}</div>"
         ),
     }
 }
 
-/// Truth, presets, the differences between them, the camera's picture.
-fn case_choices(case: &Path) -> Vec<Choice> {
-    let read = |name: &str| pictures::read(&case.join(name), WIDTH).ok();
-    let truth = read("truth.png");
+/// What a picture shows, and where it is.
+type Named = (String, PathBuf);
+
+/// The pictures of each measured frame, which the study names `FRAME-WHAT.png`; others are none of its.
+fn by_frame(paths: Vec<PathBuf>) -> BTreeMap<usize, Vec<Named>> {
+    let mut frames: BTreeMap<usize, Vec<Named>> = BTreeMap::new();
+    for path in paths {
+        let stem = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let Some((frame, what)) = stem.split_once('-') else { continue };
+        let Ok(frame) = frame.parse() else { continue };
+        frames.entry(frame).or_default().push((what.to_owned(), path));
+    }
+    frames
+}
+
+/// Truth, presets, what differs between them, the camera's picture.
+fn choices(paths: &[Named], pictures: &mut Pictures) -> Vec<Choice> {
+    let mut one = |wanted: &str| {
+        let (_, path) = paths.iter().find(|(what, _)| what == wanted)?;
+        pictures.read(path, WIDTH)
+    };
+    let [truth, input] = ["truth", "input"].map(&mut one);
     let mut shown: Vec<(String, RgbImage)> = Vec::new();
     let mut differences: Vec<(String, RgbImage)> = Vec::new();
-    for path in pictures_in(case) {
-        let Some(name) = path.file_stem().map(|n| n.to_string_lossy().into_owned()) else {
-            continue;
-        };
-        if ["truth", "input"].contains(&name.as_str()) {
+    for (what, path) in paths.iter().filter(|(what, _)| what != "truth" && what != "input") {
+        let Some(picture) = pictures.read(path, WIDTH) else { continue };
+        if let Some(preset) = what.strip_suffix("-flip") {
+            differences.push((format!("FLIP of {preset}"), picture));
             continue;
         }
-        let Ok(picture) = pictures::read(&path, WIDTH) else { continue };
         if let Some(map) = truth.as_ref().and_then(|truth| pictures::difference(&picture, truth)) {
-            differences.push((format!("difference of {name}"), map));
+            differences.push((format!("difference of {what}"), map));
         }
-        shown.push((name, picture));
+        shown.push((what.clone(), picture));
     }
     let truth = truth.map(|picture| ("truth (path-traced)".to_owned(), picture));
-    let input = read("input.png").map(|picture| ("camera".to_owned(), picture));
+    let input = input.map(|picture| ("camera".to_owned(), picture));
     let all = truth.into_iter().chain(shown).chain(differences).chain(input);
     all.filter_map(|(name, picture)| Choice::new(&name, &picture)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_a_frame_belong_together() {
+        let names = ["000020-ours-fast.png", "000003-truth.png", "000020-truth.png", "notes-a.png"];
+        let frames = by_frame(names.map(PathBuf::from).to_vec());
+        let what = |frame| frames[&frame].iter().map(|n| n.0.as_str()).collect::<Vec<_>>();
+        assert_eq!(frames.keys().collect::<Vec<_>>(), [&3, &20]);
+        assert_eq!((what(3), what(20)), (vec!["truth"], vec!["ours-fast", "truth"]));
+    }
 }

@@ -1,20 +1,20 @@
 //! Fig. 8 made again: where the light is seen, and how far that is off.
 
 use super::{Section, depth_name, figure, legend};
+use crate::math::median;
 use crate::report::figures::{angle_boxes, environment_dots};
 use crate::report::markup::{escape, number, table};
-use crate::report::pictures::{self, Budget};
+use crate::report::pictures::{self, Pictures};
 use crate::report::sources::{Found, Sources};
-use crate::study::light::{LightRun, LightStudy};
-use crate::study::median;
+use crate::study::light::{ENVIRONMENT_EXPOSURE, LightRun, LightStudy};
 use std::collections::BTreeSet;
 
 /// `None` without a light study.
-pub(in crate::report) fn section(sources: &Sources, budget: &mut Budget) -> Option<Section> {
+pub(in crate::report) fn section(sources: &Sources, pictures: &mut Pictures) -> Option<Section> {
     let mut html = String::new();
     for found in &sources.light {
         html += &introduction(found);
-        html += &maps(found, budget);
+        html += &maps(found, pictures);
         html += &boxes(&found.record);
         html += &angle_table(&found.record);
     }
@@ -51,15 +51,15 @@ fn depths(runs: &[LightRun]) -> impl Iterator<Item = bool> + '_ {
 
 const MAP_WIDTH: u32 = 480;
 
-fn maps(found: &Found<LightStudy>, budget: &mut Budget) -> String {
+fn maps(found: &Found<LightStudy>, pictures: &mut Pictures) -> String {
     let study = &found.record;
     let mut html = String::new();
     for light in lights(study) {
         let path = found.folder.join(format!("environment_light{light}.png"));
-        let read = pictures::read(&path, MAP_WIDTH).ok();
+        let read = pictures.read(&path, MAP_WIDTH);
         let uri = read.and_then(|picture| pictures::data_uri(&picture));
         for noise in depths(&study.runs) {
-            let uri = uri.as_deref().filter(|uri| budget.take([*uri]));
+            let uri = uri.as_deref().filter(|uri| pictures.take([*uri]));
             let svg = environment_dots(study, light, noise, uri);
             let caption = format!("Light {}, {}", light + 1, depth_name(noise));
             html += &format!("<figure>{svg}<figcaption>{caption}</figcaption></figure>");
@@ -69,7 +69,8 @@ fn maps(found: &Found<LightStudy>, budget: &mut Budget) -> String {
     format!(
         "{}<div class=\"maps rows{rows}\">{html}</div><p class=\"note\">Environment maps as one sees \
          them turning around, world z up. White ring: true direction. Large dots: median over all \
-         frames of all scenes; small dots: of each scene.</p>",
+         frames of all scenes; small dots: of each scene. Brightness: {ENVIRONMENT_EXPOSURE} L / (1 + {ENVIRONMENT_EXPOSURE} L) of \
+         the luminance L, for all maps alike.</p>",
         legend(&study.methods)
     )
 }

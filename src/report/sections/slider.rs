@@ -1,7 +1,7 @@
 //! Pictures of one case under a line that is dragged between two of them.
 
 use crate::report::markup::escape;
-use crate::report::pictures::{Budget, data_uri};
+use crate::report::pictures::{Pictures, data_uri};
 use image::RgbImage;
 
 /// One picture of a case.
@@ -18,18 +18,18 @@ impl Choice {
 }
 
 /// Starts with the pictures `start` on the left and the right. One picture alone is shown without a
-/// line; none, or more than the budget has room for, gives a note or nothing.
+/// line; none, or more than the page has room for, gives a note or nothing.
 pub(in crate::report) fn slider(
     caption: &str,
     choices: &[Choice],
     start: (usize, usize),
-    budget: &mut Budget,
+    pictures: &mut Pictures,
 ) -> String {
     let caption = escape(caption);
     if choices.is_empty() {
         return String::new();
     }
-    if !budget.take(choices.iter().map(|c| c.uri.as_str())) {
+    if !pictures.take(choices.iter().map(|c| c.uri.as_str())) {
         return format!("<p class=\"note\">{caption}: left out to keep this page small.</p>");
     }
     if let [only] = choices {
@@ -41,7 +41,7 @@ pub(in crate::report) fn slider(
     }
     let last = choices.len() - 1;
     let start = (start.0.min(last), start.1.min(last));
-    let mut pictures = String::new();
+    let mut images = String::new();
     for (i, Choice { name, uri }) in choices.iter().enumerate() {
         let class = match (i == start.0, i == start.1) {
             (true, true) => "a b",
@@ -50,13 +50,13 @@ pub(in crate::report) fn slider(
             (false, false) => "",
         };
         let name = escape(name);
-        pictures += &format!(
+        images += &format!(
             "<img class=\"{class}\" src=\"{uri}\" alt=\"{caption}, {name}\" draggable=\"false\"/>"
         );
     }
     let [left, right] = [start.0, start.1].map(|i| escape(&choices[i].name));
     format!(
-        "<figure class=\"ab\"><div class=\"ab-stage\">{pictures}<span class=\"ab-line\"></span>\
+        "<figure class=\"ab\"><div class=\"ab-stage\">{images}<span class=\"ab-line\"></span>\
          <span class=\"ab-tag ab-left\">{left}</span><span class=\"ab-tag ab-right\">{right}</span>\
          </div><input type=\"range\" min=\"0\" max=\"100\" step=\"1\" value=\"50\" \
          aria-label=\"{caption}: border between the two pictures\"/>\
@@ -87,11 +87,11 @@ mod tests {
 
     #[test]
     fn a_slider_for_any_number_of_pictures() {
-        let mut budget = Budget::default();
-        assert_eq!(slider("case", &[], (0, 1), &mut budget), "");
-        let one = slider("case", &choices(1), (0, 1), &mut budget);
+        let mut pictures = Pictures::default();
+        assert_eq!(slider("case", &[], (0, 1), &mut pictures), "");
+        let one = slider("case", &choices(1), (0, 1), &mut pictures);
         assert!(one.contains("<img") && !one.contains("range"));
-        let three = slider("case & more", &choices(3), (1, 9), &mut budget);
+        let three = slider("case & more", &choices(3), (1, 9), &mut pictures);
         let parsed = roxmltree::Document::parse(&three).unwrap();
         let images: Vec<_> = parsed.descendants().filter(|n| n.has_tag_name("img")).collect();
         let classes: Vec<_> = images.iter().map(|n| n.attribute("class").unwrap()).collect();

@@ -5,7 +5,7 @@ use super::{Section, figure};
 use crate::report::figures::{BarScale, stage_bars};
 use crate::report::markup::{escape, number, table, three_digits};
 use crate::report::paper::{TABLE_1, measured};
-use crate::report::pictures::{self, Budget};
+use crate::report::pictures::Pictures;
 use crate::report::sources::{RunFolder, Sources};
 use crate::timing::Stage;
 
@@ -15,7 +15,7 @@ const SHARE_CAPTION: &str = "The same as shares of the sum, with Table 1 of the 
 type Row<'a> = (&'a str, [f64; Stage::ALL.len()]);
 
 /// `None` where there is no run.
-pub(in crate::report) fn section(sources: &Sources, budget: &mut Budget) -> Option<Section> {
+pub(in crate::report) fn section(sources: &Sources, pictures: &mut Pictures) -> Option<Section> {
     if sources.runs.is_empty() {
         return None;
     }
@@ -33,7 +33,7 @@ pub(in crate::report) fn section(sources: &Sources, budget: &mut Budget) -> Opti
         html += &figure(&stage_bars(&shares(&own), BarScale::Percent), SHARE_CAPTION);
     }
     html += &run_table(&sources.runs);
-    html += &frames(sources, budget);
+    html += &frames(sources, pictures);
     Some(Section { id: "stages", title: "Where the time goes", html })
 }
 
@@ -96,7 +96,7 @@ const FRAME_WIDTH: u32 = 640;
 
 /// Composed frames of the runs at a few moments, side by side where there are several runs of one
 /// recording.
-fn frames(sources: &Sources, budget: &mut Budget) -> String {
+fn frames(sources: &Sources, pictures: &mut Pictures) -> String {
     let with_frames: Vec<&RunFolder> =
         sources.runs.iter().filter(|r| !r.frames.is_empty()).collect();
     let Some(first) = with_frames.first() else { return String::new() };
@@ -110,12 +110,12 @@ fn frames(sources: &Sources, budget: &mut Budget) -> String {
             .filter(|run| sequence(run) == sequence(first))
             .filter_map(|run| {
                 let path = run.frames.iter().find(|p| p.file_name() == Some(frame))?;
-                let picture = pictures::read(path, FRAME_WIDTH).ok()?;
+                let picture = pictures.read(path, FRAME_WIDTH)?;
                 Choice::new(&run.name, &picture)
             })
             .collect();
         let caption = format!("Frame {}", frame.to_string_lossy().trim_end_matches(".png"));
-        html += &slider(&caption, &choices, (0, 1), budget);
+        html += &slider(&caption, &choices, (0, 1), pictures);
     }
     match html.is_empty() {
         true => html,

@@ -3,23 +3,24 @@
 use super::Section;
 use super::composite::overall;
 use super::light::{median_angle, median_of};
+use crate::math::median;
 use crate::report::markup::{escape, factor, listed, number, table, three_digits};
 use crate::report::paper::{ROWS, TABLE_1};
-use crate::report::sources::Sources;
-use crate::study::median;
+use crate::report::sources::{Problem, Sources};
 use crate::timing::Stage;
 
-pub(in crate::report) fn section(sources: &Sources) -> Section {
-    let html = problems(sources) + &tiles(sources) + &methods(sources) + &missing(sources);
+/// `unread`: pictures that other sections could not read.
+pub(in crate::report) fn section(sources: &Sources, unread: &[Problem]) -> Section {
+    let html = problems(sources, unread) + &tiles(sources) + &methods(sources) + &missing(sources);
     Section { id: "summary", title: "Summary", html }
 }
 
-fn problems(sources: &Sources) -> String {
-    if sources.problems.is_empty() {
-        return String::new();
+fn problems(sources: &Sources, unread: &[Problem]) -> String {
+    let all = sources.problems.iter().chain(unread);
+    let items: String = all.map(|p| format!("<li>{}</li>", escape(&p.to_string()))).collect();
+    if items.is_empty() {
+        return items;
     }
-    let items: String =
-        sources.problems.iter().map(|p| format!("<li>{}</li>", escape(&p.to_string()))).collect();
     format!("<div class=\"problems\"><b>Files that could not be used</b><ul>{items}</ul></div>")
 }
 

@@ -11,7 +11,6 @@ mod tests;
 use super::objects::VirtualScene;
 use crate::compositing::VirtualLayer;
 use crate::geometry::{GBuffer, Origin};
-use crate::image::Size;
 use crate::math::View;
 use cover::{SampleBlock, cover_solid, cover_with_holes};
 use glam::{Mat3, Vec3};
@@ -34,12 +33,14 @@ pub struct DrawReport {
     pub objects: usize,
     /// Pixels whose centre shows a virtual surface.
     pub pixels: usize,
+    /// Pixels that a virtual surface reaches into, those whose centre shows one included.
+    pub covered: usize,
     /// Outside these rows and columns the picture is that of the real scene.
     pub columns: Range<usize>,
     pub rows: Range<usize>,
 }
 
-/// Keeps its working memory from frame to frame. One for each view lets [`Self::redraw`] work.
+/// Keeps its working memory from frame to frame and from view to view.
 #[derive(Debug, Default)]
 pub struct Rasteriser {
     vertices: Vec<ScreenVertex>,
@@ -49,9 +50,6 @@ pub struct Rasteriser {
     active_chunks: usize,
     /// One a thread.
     scratch: Vec<Mutex<BandScratch>>,
-    /// Rows that the last picture differs from the real one in.
-    touched: Range<usize>,
-    last: Option<(View, Size)>,
 }
 
 #[derive(Debug, Default)]
@@ -62,43 +60,18 @@ struct BandScratch {
 }
 
 impl Rasteriser {
+    /// Whether no object can be in this view's picture.
+    pub fn misses(scene: &VirtualScene, view: &View) -> bool {
+        let projector = Projector::new(view);
+        scene.bounds().all(|bounds| projector.misses(bounds.centre, bounds.radius))
+    }
+
     /// Sets `merged` to `real` with the virtual surfaces that are nearer ([`Origin::Virtual`]), and
     /// `layer` to their base colour and coverage. `merged` says what is seen at pixel centres;
     /// coverage also counts surfaces that reach into a pixel beside its centre, where `merged` still
-    /// shows the real one. Base colour is given wherever coverage is not zero. Objects that wait for
-    /// a place are not drawn.
+    /// shows the real one. Base colour is given wherever coverage is not zero, and unspecified
+    /// elsewhere. Objects that wait for a place are not drawn.
     pub fn draw(
-        &mut self,
-        scene: &VirtualScene,
-        real: &GBuffer,
-        merged: &mut GBuffer,
-        layer: &mut VirtualLayer,
-    ) -> DrawReport {
-        self.touched = 0..real.size().height;
-        self.redraw_rows(scene, real, merged, layer)
-    }
-
-    /// As [`Self::draw`], for a view whose `real` has not changed: only rows with virtual surfaces,
-    /// now or before, are written. `merged` and `layer` must be as the last call of this rasteriser
-    /// left them.
-    pub fn redraw(
-        &mut self,
-        scene: &VirtualScene,
-        real: &GBuffer,
-        merged: &mut GBuffer,
-        layer: &mut VirtualLayer,
-    ) -> DrawReport {
-        let same = self.last == Some((real.view, real.size()))
-            && merged.view == real.view
-            && merged.size() == real.size()
-            && layer.coverage.size() == real.size();
-        if !same {
-            return self.draw(scene, real, merged, layer);
-        }
-        self.redraw_rows(scene, real, merged, layer)
-    }
-
-    fn redraw_rows(
         &mut self,
         scene: &VirtualScene,
         real: &GBuffer,
@@ -110,16 +83,13 @@ impl Rasteriser {
         merged.set_view(real.view);
         layer.albedo.reshape(size, [0.0; 3]);
         layer.coverage.reshape(size, 0.0);
-        self.last = Some((real.view, size));
         if size.pixels() == 0 {
             return DrawReport::default();
         }
         let projector = Projector::new(&real.view);
         self.project(scene, &projector);
         self.sort(scene, &projector);
-        let report = self.draw_bands(scene, projector, real, merged, layer);
-        self.touched = report.rows.clone();
-        report
+        self.draw_bands(scene, projector, real, merged, layer)
     }
 
     /// Projects the vertices of all objects that may be seen.
@@ -200,18 +170,16 @@ impl Rasteriser {
         self.scratch.resize_with(rayon::current_num_threads().max(1), Default::default);
         let (drawn, vertices) = (&self.drawn, &self.vertices);
         let resolver = Resolver::new(scene, drawn, chunks, vertices, real.view, projector);
-        let (touched, scratch) = (&self.touched, &self.scratch);
-        let pixels = bands(merged, layer)
+        let scratch = &self.scratch;
+        let (pixels, covered) = bands(merged, layer)
             .enumerate()
             .map(|(index, mut band)| {
                 let band_rows = index * BAND_ROWS..(index * BAND_ROWS + band.rows());
                 let overlaps =
                     |r: &Range<usize>| r.start < band_rows.end && band_rows.start < r.end;
-                if overlaps(touched) || overlaps(&rows) {
-                    band.restore(real, band_rows.start);
-                }
+                band.restore(real, band_rows.start);
                 if !overlaps(&rows) {
-                    return 0;
+                    return (0, 0);
                 }
                 let rows = band_rows.start.max(rows.start)..band_rows.end.min(rows.end);
                 let thread = rayon::current_thread_index().unwrap_or(0);
@@ -221,8 +189,8 @@ impl Rasteriser {
                 cover_band(&resolver, index, block, list);
                 resolve_band(&mut band, &resolver, block, real, real_range, index * BAND_ROWS)
             })
-            .sum();
-        DrawReport { objects: self.drawn.len(), pixels, columns, rows }
+            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        DrawReport { objects: self.drawn.len(), pixels, covered, columns, rows }
     }
 }
 
@@ -316,7 +284,6 @@ impl Band<'_> {
             to.copy_from_slice(&from.as_slice()[pixels.clone()]);
         }
         self.origin.copy_from_slice(&real.origin.as_slice()[pixels]);
-        self.albedo.fill([0.0; 3]);
         self.coverage.fill(0.0);
     }
 
@@ -327,7 +294,8 @@ impl Band<'_> {
     }
 }
 
-/// Writes what the samples show; returns the number of pixels whose centre is virtual.
+/// Writes what the samples show; returns the numbers of pixels whose centre is virtual, and of those that
+/// are covered at all.
 #[multiversion::multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
     "x86_64+avx2+fma+bmi2"
@@ -339,8 +307,8 @@ fn resolve_band(
     real: &GBuffer,
     real_range: &mut RealRange,
     first_row: usize,
-) -> usize {
-    let (mut count, mut last_face) = (0, None);
+) -> (usize, usize) {
+    let (mut centres, mut covered, mut last_face) = (0, 0, None);
     for y in block.rows.clone() {
         real_range.set_row(real, y, block.columns.clone());
         let pixels = block.columns.clone().zip(block.row(y)).zip(real_range.iter());
@@ -350,13 +318,14 @@ fn resolve_band(
             let at = (y - first_row) * band.width + x;
             band.albedo[at] = seen.albedo;
             band.coverage[at] = seen.coverage;
+            covered += 1;
             if let Some((depth_m, normal)) = seen.surface {
                 band.depth_m[at] = depth_m;
                 band.set_normal(at, normal);
                 band.origin[at] = Origin::Virtual;
-                count += 1;
+                centres += 1;
             }
         }
     }
-    count
+    (centres, covered)
 }

@@ -2,7 +2,7 @@
 
 use super::record::CompositeRun;
 use super::runs::RunKey;
-use crate::output::atomic_write;
+use crate::output::{OutputError, atomic_write};
 use crate::study::StudyError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -24,7 +24,9 @@ impl RunLog {
         let finished = match std::fs::read_to_string(&path) {
             Ok(text) => text.lines().filter_map(|l| serde_json::from_str(l).ok()).collect(),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Vec::new(),
-            Err(e) => return Err(super::truth::file_error(&path, &e)),
+            Err(e) => {
+                return Err(OutputError::content(&path, format!("cannot be read: {e}")).into());
+            }
         };
         Ok(Self { path, finished })
     }

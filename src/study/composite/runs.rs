@@ -3,15 +3,15 @@
 use super::cases::Case;
 use super::measure::measure;
 use super::record::{CompositeFrame, CompositeRun};
-use super::truth::file_error;
 use super::variants::LightSource;
 use crate::capture::{CaptureOptions, FrameSource, open_sequence};
 use crate::config::Settings;
 use crate::eval::light::{LightSegment, LightTruth, angle_deg, scaled_relative_l2};
 use crate::image::Image;
 use crate::lighting::ShLight;
+use crate::math::median;
 use crate::pipeline::Pipeline;
-use crate::study::{StudyError, each_frame, median};
+use crate::study::{StudyError, each_frame};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -69,7 +69,8 @@ pub fn run(
         }
         let Some(truth) = case.truth.frame(outcome.index)? else { return Ok(()) };
         let (input, composed) = (&pipeline.frame().color_srgb, pipeline.composed());
-        let measured = measure(input, composed, &truth).map_err(|e| file_error(&truth.path, &e))?;
+        let measured =
+            measure(input, composed, &truth).map_err(|e| StudyError::file(&truth.path, e))?;
         frames.push(with_light(measured, &outcome.light.light, light.at_frame(outcome.index)));
         last = Some(LastFrame {
             frame: outcome.index,
@@ -105,7 +106,7 @@ fn given_light(
         return Ok(None);
     }
     let path = key.folder.join("light.json");
-    let missing = |what: &str| file_error(&path, &format!("frame {frame}: {what}"));
+    let missing = |what: &str| StudyError::file(&path, format!("frame {frame}: {what}"));
     let segment = truth.at_frame(frame).ok_or_else(|| missing("no light is known"))?;
     let sh = match key.light {
         LightSource::TrueWithScattered => segment.sh_probe.as_ref(),

@@ -7,8 +7,9 @@ use super::runs::{LastFrame, RunKey, RunName, run};
 use super::variants::{LightSource, PRESET, Variant, select};
 use super::{pictures, tables};
 use crate::config::Settings;
+use crate::math::median;
 use crate::output::atomic_write;
-use crate::study::{Machine, SequenceStore, StudyError, median};
+use crate::study::{Machine, SequenceStore, StudyError};
 use std::path::{Path, PathBuf};
 
 /// Frames before this one are not measured: the volume and the light have not settled.

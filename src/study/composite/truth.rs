@@ -55,7 +55,7 @@ pub struct TruthFolder {
 impl TruthFolder {
     pub fn open(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join("virtual.json");
-        let problem = |e: &dyn std::fmt::Display| file_error(&path, e);
+        let problem = |e: &dyn std::fmt::Display| StudyError::file(&path, e);
         let text = std::fs::read_to_string(&path).map_err(|e| problem(&e))?;
         let file: VirtualFile = serde_json::from_str(&text).map_err(|e| problem(&e))?;
         let (frames, times) = (file.frames.len(), file.timestamps.len());
@@ -100,7 +100,7 @@ impl TruthFolder {
         let mask_size = Size::new(mask.width() as usize, mask.height() as usize);
         if mask_size != size {
             let problem = format!("{mask_size} pixels, and the picture it belongs to has {size}");
-            return Err(file_error(&mask_path, &problem));
+            return Err(StudyError::file(&mask_path, problem));
         }
         Ok(Some(FrameTruth {
             frame,
@@ -120,7 +120,7 @@ impl TruthFolder {
             }
             Object::Mesh => {
                 let path = self.folder.join("scene.toml");
-                VirtualScene::load(&path).map_err(|e| file_error(&path, &e))
+                VirtualScene::load(&path).map_err(|e| StudyError::file(&path, e))
             }
         }
     }
@@ -131,11 +131,7 @@ impl TruthFolder {
 }
 
 fn read(path: &Path) -> Result<image::DynamicImage, StudyError> {
-    image::open(path).map_err(|e| file_error(path, &e))
-}
-
-pub(super) fn file_error(path: &Path, problem: &dyn std::fmt::Display) -> StudyError {
-    StudyError::File { path: path.display().to_string(), problem: problem.to_string() }
+    image::open(path).map_err(|e| StudyError::file(path, e))
 }
 
 /// A sphere around the origin with one linear albedo.

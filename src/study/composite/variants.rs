@@ -66,6 +66,11 @@ pub const ALL: &[Variant] = &[
     settings("samples-6", "6 samples a direction", &["transfer.samples=6"]),
     settings("no-left", "no buffer from the left", &["surface.left=false"]),
     settings("no-right", "no buffer from the right", &["surface.right=false"]),
+    settings(
+        "no-left-right",
+        "no buffers from left and right",
+        &["surface.left=false", "surface.right=false"],
+    ),
     settings("no-top", "no buffer from above", &["surface.top=false"]),
     settings("no-light-buffer", "no buffer from the light", &["surface.light=false"]),
     settings(

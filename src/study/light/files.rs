@@ -1,10 +1,11 @@
 //! The files of a light study.
 
 use super::record::{LightRun, LightStudy};
-use super::summary::{noise_name, quantile, summary};
+use super::summary::{noise_name, summary};
 use super::table::number;
 use crate::image::Image;
 use crate::math::color::{luminance, srgb8_from_linear};
+use crate::math::quantile;
 use crate::output::{atomic_write, write_color_png};
 use crate::study::StudyError;
 use crate::synth::{SynthOptions, environment_picture};
@@ -60,9 +61,13 @@ fn write_environments(study: &LightStudy, out: &Path) -> Result<(), StudyError> 
     Ok(())
 }
 
+/// Brings the ambient light of the made scenes, about 0.12, to middle grey in [`tone_mapped`]; their
+/// lamps, about 20, stay below white.
+pub const ENVIRONMENT_EXPOSURE: f32 = 4.0;
+
 /// By luminance (Reinhard et al. 2002), without a white point: lamp and walls are both to be seen.
 fn tone_mapped(rgb: [f32; 3]) -> [u8; 3] {
-    let scale = 1.0 / (1.0 + luminance(rgb));
+    let scale = ENVIRONMENT_EXPOSURE / (1.0 + ENVIRONMENT_EXPOSURE * luminance(rgb));
     rgb.map(|v| srgb8_from_linear(v * scale))
 }
 

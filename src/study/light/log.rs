@@ -3,6 +3,7 @@
 use super::measure::Outcome;
 use super::plan::{Job, Kind};
 use crate::config::Settings;
+use crate::output::OutputError;
 use crate::study::StudyError;
 use crate::synth::SynthOptions;
 use std::collections::HashMap;
@@ -39,7 +40,7 @@ struct Line {
 impl RunLog {
     /// Opens `path` for appending, making it and its folder where they are missing.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
-        let error = |e: std::io::Error| file_error(path, &e);
+        let error = |e: std::io::Error| OutputError::io(path, e);
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(error)?;
         }
@@ -75,16 +76,14 @@ impl RunLog {
     /// a study that was interrupted must not differ from one that was not.
     pub fn push(&mut self, key: &str, result: Outcome) -> Result<(), StudyError> {
         let line = Line { key: key.to_owned(), result };
-        let text = serde_json::to_string(&line).map_err(|e| file_error(&self.path, &e))?;
-        self.file
-            .write_all(format!("{text}\n").as_bytes())
-            .map_err(|e| file_error(&self.path, &e))?;
-        let line: Line = serde_json::from_str(&text).map_err(|e| file_error(&self.path, &e))?;
+        let text = serde_json::to_string(&line).map_err(|e| self.error(e.into()))?;
+        self.file.write_all(format!("{text}\n").as_bytes()).map_err(|e| self.error(e))?;
+        let line: Line = serde_json::from_str(&text).map_err(|e| self.error(e.into()))?;
         self.done.insert(line.key, line.result);
         Ok(())
     }
-}
 
-fn file_error(path: &Path, problem: &dyn std::fmt::Display) -> StudyError {
-    StudyError::File { path: path.display().to_string(), problem: problem.to_string() }
+    fn error(&self, source: std::io::Error) -> OutputError {
+        OutputError::io(&self.path, source)
+    }
 }

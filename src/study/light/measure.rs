@@ -4,10 +4,12 @@ use super::observe::Observation;
 use super::plan::{Job, Kind};
 use super::record::{Jitter, LightFrame, LightRun, StepResponse, StepTrace};
 use crate::eval::light::{LightSegment, LightTruth, angle_deg};
-use crate::study::{StudyError, median};
+use crate::math::median;
+use crate::study::StudyError;
 use crate::timing::{Stage, StageTimes};
 use glam::Vec3;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// An estimate has settled within this relative L2 distance of its final value.
 const SETTLED: f64 = 0.1;
@@ -32,7 +34,7 @@ pub(super) fn outcome(
 ) -> Result<Outcome, StudyError> {
     if seen.is_empty() {
         let problem = "no frame is left after the warm-up".to_owned();
-        return Err(StudyError::File { path: job.sequence.clone(), problem });
+        return Err(StudyError::file(job.sequence.as_ref(), problem));
     }
     Ok(match job.kind {
         Kind::Run { light } => Outcome::Run(light_run(job, light, seen, truth)?),
@@ -48,9 +50,9 @@ fn segment<'a>(
     truth: &'a LightTruth,
     frame: usize,
 ) -> Result<&'a LightSegment, StudyError> {
-    truth.at_frame(frame).ok_or_else(|| StudyError::File {
-        path: format!("{}/light.json", job.sequence),
-        problem: format!("it says nothing about frame {frame}"),
+    truth.at_frame(frame).ok_or_else(|| {
+        let path = Path::new(&job.sequence).join("light.json");
+        StudyError::file(&path, format!("it says nothing about frame {frame}"))
     })
 }
 

@@ -20,7 +20,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-pub use files::write;
+pub use files::{ENVIRONMENT_EXPOSURE, write};
 pub use plan::LightPlan;
 pub(in crate::study) use plan::sequence_name;
 pub use record::{Jitter, LightFrame, LightRun, LightStudy, StepResponse, StepTrace};

@@ -9,7 +9,7 @@ use crate::image::Image;
 use crate::lighting::LightEstimator;
 use crate::math::bvh::Ray;
 use crate::math::color::LINEAR_FROM_SRGB8;
-use crate::math::{Pinhole, Pose, View, pose_from_xyzw, sh};
+use crate::math::{Pinhole, Pose, View, fibonacci_sphere, pose_from_xyzw, sh};
 use crate::study::StudyError;
 use crate::synth::material::Material;
 use crate::synth::scene::{Placed, Scene};
@@ -18,7 +18,6 @@ use crate::synth::tracer::{Shot, World, render_centres, render_radiance};
 use crate::synth::{SynthError, SynthOptions, developed};
 use crate::transfer::TransferMap;
 use glam::{Affine3A, DMat3, DQuat, DVec3, Vec2, Vec3A, dvec3};
-use std::f64::consts::PI;
 use std::ops::Range;
 
 /// What light reaches the ball.
@@ -191,12 +190,9 @@ fn free_place(room: &[Placed], world: &World, centre: DVec3) -> Option<DVec3> {
 /// something meet it from outside.
 fn is_free(room: &[Placed], world: &World, place: Vec3A) -> bool {
     const RAYS: usize = 4096;
-    let golden = PI * (3.0 - 5f64.sqrt());
     let mut from_inside = 0;
-    for i in 0..RAYS {
-        let z = 1.0 - (2 * i + 1) as f64 / RAYS as f64;
-        let (r, phi) = ((1.0 - z * z).sqrt(), golden * i as f64);
-        let direction = dvec3(r * phi.cos(), r * phi.sin(), z).as_vec3a();
+    for direction in fibonacci_sphere(RAYS) {
+        let direction = direction.to_vec3a();
         let Some((object, hit)) = world.hit(&Ray::new(place, direction)) else { continue };
         if hit.t < CLEARANCE_M {
             return false;

@@ -4,7 +4,7 @@ use super::record::{LightRun, LightStudy, StepResponse};
 use super::table::{Table, number};
 use super::{REFERENCE, REFERENCE_ALONE};
 use crate::eval::light::angle_deg;
-use crate::study::median;
+use crate::math::{median, quantile};
 use glam::{DVec3, Vec3};
 
 /// Markdown, with columns that line up on a terminal too.
@@ -63,14 +63,6 @@ fn runs<'a>(
     sensor_noise: bool,
 ) -> impl Iterator<Item = &'a LightRun> + Clone {
     study.runs.iter().filter(move |r| r.method == method && r.sensor_noise == sensor_noise)
-}
-
-/// Nearest rank, among the finite values.
-pub(super) fn quantile(values: impl IntoIterator<Item = f64>, share: f64) -> Option<f64> {
-    let mut values: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-    values.sort_by(f64::total_cmp);
-    let rank = (share * values.len() as f64).ceil() as usize;
-    values.get(rank.clamp(1, values.len().max(1)) - 1).copied()
 }
 
 impl LightRun {

@@ -3,7 +3,6 @@ use super::measure::{Outcome, outcome};
 use super::observe::Observation;
 use super::plan::{Job, Kind, LightPlan, Method};
 use super::reference::{Probe, observe_probe};
-use super::summary::quantile;
 use super::{LightFrame, StepResponse};
 use crate::config::Settings;
 use crate::eval::light::{LightSegment, LightTruth, angle_deg};
@@ -141,15 +140,6 @@ fn refused_frames_are_counted_and_not_measured() {
     let beyond = outcome(&job(kind, &method), &[seen(100, FROM_X)], &truth_of_two());
     assert!(matches!(beyond, Err(StudyError::File { .. })), "no truth for frame 100");
     assert!(outcome(&job(kind, &method), &[], &truth_of_two()).is_err());
-}
-
-#[test]
-fn quantiles_are_by_nearest_rank() {
-    let values = || (1..=20).map(f64::from);
-    assert_eq!(quantile(values(), 0.95), Some(19.0));
-    assert_eq!(quantile(values(), 1.0), Some(20.0));
-    assert_eq!(quantile([3.0, f64::NAN], 0.5), Some(3.0));
-    assert_eq!(quantile([], 0.5), None);
 }
 
 #[test]

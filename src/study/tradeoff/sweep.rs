@@ -1,9 +1,10 @@
 //! Runs settings over sequences: times and errors become points.
 
-use super::super::{StudyError, median};
+use super::super::StudyError;
 use super::truth::{FrameErrors, Truth};
 use super::{ErrorKind, TradePoint, Tradeoff, Variant, neighbours};
 use crate::capture::{CaptureOptions, FrameSource, Sequence, open_sequence};
+use crate::math::median;
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;
 use crate::study::{Machine, each_frame};

@@ -37,12 +37,9 @@ impl TracedGeometry {
     pub fn of_sequence(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join(OPTIONS_FILE);
         if path.exists() {
-            let problem = |e: &dyn std::fmt::Display| StudyError::File {
-                path: path.display().to_string(),
-                problem: e.to_string(),
-            };
-            let bytes = std::fs::read(&path).map_err(|e| problem(&e))?;
-            return Ok(Self::Made(serde_json::from_slice(&bytes).map_err(|e| problem(&e))?));
+            let bytes = std::fs::read(&path).map_err(|e| StudyError::file(&path, e))?;
+            let options = serde_json::from_slice(&bytes).map_err(|e| StudyError::file(&path, e))?;
+            return Ok(Self::Made(options));
         }
         let is_demo = folder.canonicalize().is_ok_and(|path| path.ends_with(DEMO));
         Ok(if is_demo { Self::Made(Box::new(SynthOptions::demo())) } else { Self::Fused })

@@ -3,7 +3,7 @@
 
 use super::{GpuVolume, RayCaster};
 use crate::fusion::schedule::AuxiliarySchedule;
-use crate::fusion::{AuxiliaryRig, SurfaceParams};
+use crate::fusion::{AuxiliaryRig, Shown, SurfaceParams};
 use crate::gpu::{Commands, Gpu, GpuError, GpuGBuffer};
 use crate::math::View;
 use crate::timing::Stage;
@@ -33,6 +33,11 @@ impl SurfacePass {
             schedule: AuxiliarySchedule::new(&volume.lattice, &first_camera, params),
             caster: RayCaster::new(gpu, first_camera.size())?,
         })
+    }
+
+    /// What each auxiliary buffer shows.
+    pub fn shown(&self) -> &[Shown] {
+        self.schedule.shown()
     }
 
     pub fn rig(&self) -> &AuxiliaryRig {

@@ -1,0 +1,98 @@
+//! Exit codes: which kind of mistake each error of the library is.
+
+use kinlight::replay::ReplayError;
+use kinlight::study::StudyError;
+use kinlight::synth::SynthError;
+
+/// What went wrong, by what has to be changed to put it right. The exit code (0: done):
+///
+/// | code | kind | |
+/// | --- | --- | --- |
+/// | 1 | `Run` | the pipeline itself |
+/// | 2 | `Usage` | arguments and settings; clap's own code, too |
+/// | 3 | `Sequence` | what is read of a recording: frames, poses, truth |
+/// | 4 | `Object` | models and scene files |
+/// | 5 | `Output` | everything that is written, made sequences and notes of finished runs included |
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    #[error("{0}")]
+    Usage(String),
+    #[error("{0}")]
+    Sequence(String),
+    #[error("{0}")]
+    Object(String),
+    #[error("{0}")]
+    Output(String),
+    #[error("{0}")]
+    Run(String),
+}
+
+impl CliError {
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            CliError::Run(_) => 1,
+            CliError::Usage(_) => 2,
+            CliError::Sequence(_) => 3,
+            CliError::Object(_) => 4,
+            CliError::Output(_) => 5,
+        }
+    }
+
+    pub fn kind(&self) -> &'static str {
+        match self {
+            CliError::Run(_) => "run",
+            CliError::Usage(_) => "usage",
+            CliError::Sequence(_) => "sequence",
+            CliError::Object(_) => "object",
+            CliError::Output(_) => "output",
+        }
+    }
+}
+
+impl From<StudyError> for CliError {
+    fn from(error: StudyError) -> Self {
+        let text = error.to_string();
+        match error {
+            StudyError::Options(_)
+            | StudyError::Settings(_)
+            | StudyError::Synth(SynthError::Options(_)) => Self::Usage(text),
+            StudyError::Capture(_) | StudyError::Eval(_) | StudyError::File { .. } => {
+                Self::Sequence(text)
+            }
+            StudyError::Synth(_) | StudyError::Output(_) => Self::Output(text),
+            StudyError::Pipeline(_) => Self::Run(text),
+        }
+    }
+}
+
+impl From<ReplayError> for CliError {
+    fn from(error: ReplayError) -> Self {
+        let text = error.to_string();
+        match error {
+            ReplayError::Capture(_) | ReplayError::NoFrames(_) => Self::Sequence(text),
+            ReplayError::Output(_) => Self::Output(text),
+            ReplayError::Pipeline(_) => Self::Run(text),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinlight::output::OutputError;
+
+    fn code(error: StudyError) -> u8 {
+        CliError::from(error).exit_code()
+    }
+
+    #[test]
+    fn a_mistake_has_one_code_whichever_study_meets_it() {
+        let made_wrong = SynthError::Options("no such scene".into());
+        let not_made = SynthError::File { path: "a".into(), problem: "is read-only".into() };
+        assert_eq!(code(StudyError::Options("no preset".into())), 2);
+        assert_eq!(code(made_wrong.into()), 2);
+        assert_eq!(code(StudyError::file("light.json".as_ref(), "is cut off")), 3);
+        assert_eq!(code(not_made.into()), 5);
+        assert_eq!(code(OutputError::DiskFull { path: "a".into() }.into()), 5);
+    }
+}
