@@ -71,6 +71,7 @@ impl<'g> Commands<'g> {
 
     /// Hands everything to the device.
     pub fn submit(self) -> Result<(), GpuError> {
+        let _alone = self.gpu.submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if !self.parameters.is_empty() {
             self.gpu.write(&self.gpu.arena, 0, &self.parameters);
         }
