@@ -19,8 +19,16 @@ pub mod library {
         "dyn_geo/merge",
         "dyn_geo/model_depth",
         "dyn_geo/normals",
+        "exitant/camera",
+        "exitant/reflected",
+        "exitant/side",
         "input/color",
         "input/depth",
+        "raster/color",
+        "raster/draw",
+        "raster/resolve",
+        "raster/scene",
+        "raster/visible",
         "shared/color",
         "shared/median",
         "shared/view",
@@ -52,7 +60,8 @@ impl Constant {
     }
 }
 
-/// A compute shader: the function `main` of a file, with constants.
+/// The shader of a file, with constants: a function `main` that computes, or `vertex_main` and
+/// `fragment_main` that draw.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shader {
     pub file: &'static str,
