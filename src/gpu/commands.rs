@@ -3,7 +3,7 @@
 use super::device::ARENA_BYTES;
 use super::pipeline::{Access, Pipeline};
 use super::stage_timer::{PassMarks, StageTimer};
-use super::{Gpu, GpuBuffer, GpuError, Shader, Uniform};
+use super::{Gpu, GpuBuffer, GpuError, SampleTargets, Shader, Uniform};
 use crate::image::Size;
 use crate::timing::Stage;
 use bytemuck::Pod;
@@ -17,8 +17,8 @@ pub struct Commands<'g> {
     gpu: &'g Gpu,
     pub(super) encoder: wgpu::CommandEncoder,
     parameters: Vec<u8>,
-    stage: Stage,
-    marks: Option<PassMarks>,
+    pub(super) stage: Stage,
+    pub(super) marks: Option<PassMarks>,
 }
 
 impl<'g> Commands<'g> {
@@ -46,6 +46,15 @@ impl<'g> Commands<'g> {
     /// Starts a pass; its bindings are given in the order of their numbers in the shader.
     pub fn pass(&mut self, shader: &Shader) -> Result<Pass<'_, 'g>, GpuError> {
         let pipeline = self.gpu.pipeline(shader)?;
+        Ok(Pass { commands: self, pipeline, bound: Vec::new() })
+    }
+
+    /// Starts drawing; bindings as in [`Self::pass`].
+    pub fn drawing(
+        &mut self,
+        shader: &Shader,
+    ) -> Result<Pass<'_, 'g, wgpu::RenderPipeline>, GpuError> {
+        let pipeline = self.gpu.drawing_pipeline(shader)?;
         Ok(Pass { commands: self, pipeline, bound: Vec::new() })
     }
 
@@ -86,17 +95,18 @@ enum Bound {
     /// Offset and bytes in the arena.
     Uniform(u64, u64),
     Storage(wgpu::Buffer),
+    Layers(wgpu::TextureView),
 }
 
-/// One dispatch in the making.
+/// One dispatch, or one set of draws, in the making.
 #[must_use = "a pass runs when it is dispatched"]
-pub struct Pass<'c, 'g> {
-    commands: &'c mut Commands<'g>,
-    pipeline: Arc<Pipeline>,
+pub struct Pass<'c, 'g, R = wgpu::ComputePipeline> {
+    pub(super) commands: &'c mut Commands<'g>,
+    pub(super) pipeline: Arc<Pipeline<R>>,
     bound: Vec<Bound>,
 }
 
-impl Pass<'_, '_> {
+impl<R> Pass<'_, '_, R> {
     pub fn uniform<T: Uniform>(mut self, value: &T) -> Result<Self, GpuError> {
         self.pipeline.expect_uniform::<T>(self.bound.len())?;
         let parameters = &mut self.commands.parameters;
@@ -132,6 +142,31 @@ impl Pass<'_, '_> {
         Ok(self)
     }
 
+    /// All layers that were drawn into.
+    pub fn layers(mut self, targets: &SampleTargets) -> Result<Self, GpuError> {
+        self.pipeline.expect(self.bound.len(), Access::Layers)?;
+        self.bound.push(Bound::Layers(targets.all_layers().clone()));
+        Ok(self)
+    }
+
+    /// What was bound, which must be all that the shader wants.
+    pub(super) fn bind_group(&self) -> Result<wgpu::BindGroup, GpuError> {
+        let (gpu, pipeline, bound) = (self.commands.gpu, &self.pipeline, &self.bound);
+        let wanted = pipeline.reflection.bindings.len();
+        if bound.len() != wanted {
+            let problem = format!("{} bindings are given, the shader has {wanted}", bound.len());
+            return Err(pipeline.binding_error(bound.len(), problem));
+        }
+        let entries: Vec<_> = bound.iter().enumerate().map(|(i, b)| b.entry(gpu, i)).collect();
+        Ok(gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(pipeline.file),
+            layout: &pipeline.layout,
+            entries: &entries,
+        }))
+    }
+}
+
+impl Pass<'_, '_> {
     /// One invocation a pixel, rounded up to whole workgroups.
     pub fn over(self, size: Size) -> Result<(), GpuError> {
         self.over_3d([size.width, size.height, 1])
@@ -167,23 +202,13 @@ impl Pass<'_, '_> {
         groups: [u32; 3],
         run: impl FnOnce(&mut wgpu::ComputePass<'_>),
     ) -> Result<(), GpuError> {
-        let Self { commands, pipeline, bound } = self;
-        let (gpu, wanted) = (commands.gpu, pipeline.reflection.bindings.len());
-        if bound.len() != wanted {
-            let problem = format!("{} bindings are given, the shader has {wanted}", bound.len());
-            return Err(pipeline.binding_error(bound.len(), problem));
-        }
-        let most = gpu.limits().max_compute_workgroups_per_dimension;
+        let group = self.bind_group()?;
+        let Self { commands, pipeline, .. } = self;
+        let most = commands.gpu.limits().max_compute_workgroups_per_dimension;
         if empty || groups.iter().any(|&n| n > most) {
             let problem = format!("{groups:?} workgroups; 1 to {most} can be run");
             return Err(GpuError::Shader { shader: pipeline.file.to_owned(), problem });
         }
-        let entries: Vec<_> = bound.iter().enumerate().map(|(i, b)| b.entry(gpu, i)).collect();
-        let group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(pipeline.file),
-            layout: &pipeline.layout,
-            entries: &entries,
-        });
         let stage = commands.stage;
         let timestamp_writes = commands.marks.as_mut().and_then(|m| m.next(stage));
         let mut pass = commands.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -206,6 +231,7 @@ impl Bound {
                 size: std::num::NonZeroU64::new(*bytes),
             }),
             Self::Storage(buffer) => buffer.as_entire_binding(),
+            Self::Layers(view) => wgpu::BindingResource::TextureView(view),
         };
         wgpu::BindGroupEntry { binding: number as u32, resource }
     }

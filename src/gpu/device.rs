@@ -10,6 +10,9 @@ use wgpu::Features;
 /// Parameters of all passes of a submission: 64 KiB hold 256 passes.
 pub(super) const ARENA_BYTES: u64 = 65536;
 
+/// By the shader's text form.
+type Pipelines<R> = HashMap<String, Arc<Pipeline<R>>>;
+
 /// A device, its queue and its compiled shaders.
 pub struct Gpu {
     device: wgpu::Device,
@@ -19,7 +22,8 @@ pub struct Gpu {
     /// Held from writing the arena until its commands are submitted.
     pub(super) submitting: Mutex<()>,
     pub(super) traffic: TrafficCounter,
-    pipelines: Mutex<HashMap<String, Arc<Pipeline>>>,
+    pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
+    drawing_pipelines: Mutex<Pipelines<wgpu::RenderPipeline>>,
     failures: Arc<Failures>,
 }
 
@@ -82,6 +86,7 @@ impl Gpu {
             submitting: Mutex::default(),
             traffic: TrafficCounter::default(),
             pipelines: Mutex::default(),
+            drawing_pipelines: Mutex::default(),
             failures,
         })
     }
@@ -109,14 +114,15 @@ impl Gpu {
 
     /// The pipeline of a shader, compiled on first use.
     pub(super) fn pipeline(&self, shader: &Shader) -> Result<Arc<Pipeline>, GpuError> {
-        let key = format!("{shader:?}");
-        let mut pipelines = self.pipelines.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if let Some(pipeline) = pipelines.get(&key) {
-            return Ok(pipeline.clone());
-        }
-        let pipeline = Pipeline::compile(self, shader)?;
-        pipelines.insert(key, pipeline.clone());
-        Ok(pipeline)
+        compiled_once(&self.pipelines, shader, || Pipeline::compile(self, shader))
+    }
+
+    /// The pipeline of a shader that draws, compiled on first use.
+    pub(super) fn drawing_pipeline(
+        &self,
+        shader: &Shader,
+    ) -> Result<Arc<Pipeline<wgpu::RenderPipeline>>, GpuError> {
+        compiled_once(&self.drawing_pipelines, shader, || Pipeline::compile_drawing(self, shader))
     }
 
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {
@@ -147,4 +153,19 @@ impl Gpu {
     pub fn queue(&self) -> &wgpu::Queue {
         &self.queue
     }
+}
+
+fn compiled_once<R>(
+    known: &Mutex<Pipelines<R>>,
+    shader: &Shader,
+    compile: impl FnOnce() -> Result<Arc<Pipeline<R>>, GpuError>,
+) -> Result<Arc<Pipeline<R>>, GpuError> {
+    let key = format!("{shader:?}");
+    let mut known = known.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    if let Some(pipeline) = known.get(&key) {
+        return Ok(pipeline.clone());
+    }
+    let pipeline = compile()?;
+    known.insert(key, pipeline.clone());
+    Ok(pipeline)
 }

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! A device is asked for WebGPU's default limits and for no feature that must be there, so that whatever
-//! runs anywhere runs on a phone. A shader is one `main` in one file of `shaders/`; its bindings,
+//! runs anywhere runs on a phone. A shader is one `main` in one file of `shaders/`, or a `vertex_main` with its
+//! `fragment_main`; its bindings,
 //! workgroup size and parameter structs are read from the shader itself and compared with what Rust
 //! binds, at every pass.
 
@@ -15,6 +16,7 @@ mod buffer;
 mod commands;
 mod device;
 pub mod diagnosis;
+mod drawing;
 mod error;
 pub mod parity;
 mod pipeline;
@@ -32,6 +34,7 @@ pub use adapter::{AdapterChoice, AdapterSummary, Adapters};
 pub use buffer::{GpuBuffer, GpuImage};
 pub use commands::{Commands, Pass};
 pub use device::Gpu;
+pub use drawing::{Draw, SampleTargets, Window};
 pub use error::GpuError;
 pub use read_back::ReadBack;
 pub use shader::{Constant, Shader, library};

@@ -1,7 +1,7 @@
 //! From a shader's text to a pipeline: parsed once, so that bindings are what the shader says they are.
 
 use super::{Gpu, GpuError, Shader, Uniform};
-use naga::{AddressSpace, StorageAccess, TypeInner};
+use naga::{AddressSpace, ImageClass, ImageDimension, ScalarKind, StorageAccess, TypeInner};
 use std::sync::Arc;
 
 /// How a shader uses a binding.
@@ -10,6 +10,8 @@ pub(super) enum Access {
     Uniform,
     Read,
     ReadWrite,
+    /// Layers of a picture of unsigned numbers.
+    Layers,
 }
 
 /// One `var` of a shader's bind group 0.
@@ -34,10 +36,26 @@ pub(super) struct Reflection {
 }
 
 impl Reflection {
+    /// Of a compute shader: one function `main`.
     pub fn of(shader: &Shader, module: &naga::Module) -> Result<Self, GpuError> {
+        let main = entry_point(shader, module, "main")?;
+        Self::with_workgroup(shader, module, main.workgroup_size)
+    }
+
+    /// Of a shader that draws: functions `vertex_main` and `fragment_main`.
+    pub fn of_drawing(shader: &Shader, module: &naga::Module) -> Result<Self, GpuError> {
+        for name in ["vertex_main", "fragment_main"] {
+            entry_point(shader, module, name)?;
+        }
+        Self::with_workgroup(shader, module, [0; 3])
+    }
+
+    fn with_workgroup(
+        shader: &Shader,
+        module: &naga::Module,
+        workgroup: [u32; 3],
+    ) -> Result<Self, GpuError> {
         let wrong = |problem: String| GpuError::Shader { shader: shader.file.into(), problem };
-        let entry = module.entry_points.iter().find(|e| e.name == "main");
-        let entry = entry.ok_or_else(|| wrong("it has no function main".into()))?;
         let mut numbered = Vec::new();
         for (_, variable) in module.global_variables.iter() {
             let Some(binding) = &variable.binding else { continue };
@@ -51,7 +69,10 @@ impl Reflection {
                     Access::ReadWrite
                 }
                 AddressSpace::Storage { .. } => Access::Read,
-                _ => return Err(wrong(format!("{name} is neither uniform nor storage"))),
+                AddressSpace::Handle if is_layers(&module.types[variable.ty].inner) => {
+                    Access::Layers
+                }
+                _ => return Err(wrong(format!("{name} is nothing that can be bound"))),
             };
             let layout = (access == Access::Uniform)
                 .then(|| StructLayout::of(module, variable.ty))
@@ -63,13 +84,37 @@ impl Reflection {
             return Err(wrong("bindings are not numbered 0, 1, 2, ...".into()));
         }
         let bindings = numbered.into_iter().map(|(_, info)| info).collect();
-        Ok(Self { bindings, workgroup: entry.workgroup_size })
+        Ok(Self { bindings, workgroup })
     }
 
     #[cfg(test)]
     pub fn storage_bindings(&self) -> usize {
-        self.bindings.iter().filter(|b| b.access != Access::Uniform).count()
+        let storage = [Access::Read, Access::ReadWrite];
+        self.bindings.iter().filter(|b| storage.contains(&b.access)).count()
     }
+}
+
+fn entry_point<'m>(
+    shader: &Shader,
+    module: &'m naga::Module,
+    name: &str,
+) -> Result<&'m naga::EntryPoint, GpuError> {
+    module.entry_points.iter().find(|e| e.name == name).ok_or_else(|| GpuError::Shader {
+        shader: shader.file.into(),
+        problem: format!("it has no function {name}"),
+    })
+}
+
+/// Whether this is `texture_2d_array<u32>`.
+fn is_layers(ty: &TypeInner) -> bool {
+    matches!(
+        ty,
+        TypeInner::Image {
+            dim: ImageDimension::D2,
+            arrayed: true,
+            class: ImageClass::Sampled { kind: ScalarKind::Uint, multi: false },
+        }
+    )
 }
 
 impl StructLayout {
@@ -110,21 +155,21 @@ impl StructLayout {
     }
 }
 
-/// A shader that is ready to run.
-pub(super) struct Pipeline {
-    pub file: &'static str,
-    pub reflection: Reflection,
-    pub layout: wgpu::BindGroupLayout,
-    pub raw: wgpu::ComputePipeline,
+/// A shader that is ready to run; `R` is what wgpu makes of it.
+pub struct Pipeline<R = wgpu::ComputePipeline> {
+    pub(super) file: &'static str,
+    pub(super) reflection: Reflection,
+    pub(super) layout: wgpu::BindGroupLayout,
+    pub(super) raw: R,
 }
 
-impl Pipeline {
-    pub fn binding_error(&self, binding: usize, problem: String) -> GpuError {
+impl<R> Pipeline<R> {
+    pub(super) fn binding_error(&self, binding: usize, problem: String) -> GpuError {
         GpuError::Binding { shader: self.file.to_owned(), binding, problem }
     }
 
     /// Whether the next binding is used as the caller means to.
-    pub fn expect(&self, binding: usize, access: Access) -> Result<(), GpuError> {
+    pub(super) fn expect(&self, binding: usize, access: Access) -> Result<(), GpuError> {
         match self.reflection.bindings.get(binding) {
             Some(info) if info.access == access => Ok(()),
             Some(info) => Err(self.binding_error(
@@ -135,17 +180,23 @@ impl Pipeline {
         }
     }
 
-    pub fn expect_uniform<T: Uniform>(&self, binding: usize) -> Result<(), GpuError> {
+    pub(super) fn expect_uniform<T: Uniform>(&self, binding: usize) -> Result<(), GpuError> {
         self.expect(binding, Access::Uniform)?;
         let layout = self.reflection.bindings[binding].layout.as_ref();
         let agrees = layout.ok_or_else(|| "it is no struct in the shader".to_owned());
         agrees.and_then(|l| l.against::<T>()).map_err(|e| self.binding_error(binding, e))
     }
 
-    pub fn compile(gpu: &Gpu, shader: &Shader) -> Result<Arc<Self>, GpuError> {
-        let module = parse(shader)?;
-        let reflection = Reflection::of(shader, &module)?;
-        let entries: Vec<_> = reflection.bindings.iter().enumerate().map(layout_entry).collect();
+    /// Makes the layout of the bindings, and leaves the pipeline itself to `make`.
+    pub(super) fn with(
+        gpu: &Gpu,
+        shader: &Shader,
+        reflection: Reflection,
+        visibility: wgpu::ShaderStages,
+        make: impl FnOnce(&wgpu::PipelineLayout) -> R,
+    ) -> Result<Arc<Self>, GpuError> {
+        let bindings = reflection.bindings.iter().enumerate();
+        let entries: Vec<_> = bindings.map(|(i, info)| layout_entry(i, info, visibility)).collect();
         let layout = gpu.device().create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some(shader.file),
             entries: &entries,
@@ -156,20 +207,30 @@ impl Pipeline {
                 bind_group_layouts: &[Some(&layout)],
                 immediate_size: 0,
             });
+        let raw = make(&pipeline_layout);
+        gpu.check()?;
+        Ok(Arc::new(Self { file: shader.file, reflection, layout, raw }))
+    }
+}
+
+impl Pipeline {
+    pub(super) fn compile(gpu: &Gpu, shader: &Shader) -> Result<Arc<Self>, GpuError> {
+        let module = parse(shader)?;
+        let reflection = Reflection::of(shader, &module)?;
         let module = gpu.device().create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(shader.file),
             source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(module)),
         });
-        let raw = gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(shader.file),
-            layout: Some(&pipeline_layout),
-            module: &module,
-            entry_point: Some("main"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            cache: None,
-        });
-        gpu.check()?;
-        Ok(Arc::new(Self { file: shader.file, reflection, layout, raw }))
+        Self::with(gpu, shader, reflection, wgpu::ShaderStages::COMPUTE, |layout| {
+            gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(shader.file),
+                layout: Some(layout),
+                module: &module,
+                entry_point: Some("main"),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            })
+        })
     }
 }
 
@@ -182,21 +243,37 @@ pub(super) fn parse(shader: &Shader) -> Result<naga::Module, GpuError> {
     })
 }
 
-fn layout_entry((number, info): (usize, &BindingInfo)) -> wgpu::BindGroupLayoutEntry {
-    let ty = match info.access {
-        Access::Uniform => wgpu::BufferBindingType::Uniform,
-        Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
-        Access::ReadWrite => wgpu::BufferBindingType::Storage { read_only: false },
-    };
+/// What does not agree between a struct of the shader and Rust's: for those in storage buffers, which passes
+/// don't compare.
+#[cfg(test)]
+pub(super) fn compare_struct<T: Uniform>(shader: &Shader) -> Result<(), String> {
+    let module = parse(shader).map_err(|e| e.to_string())?;
+    let found = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(T::NAME));
+    let (handle, _) = found.ok_or_else(|| format!("there is no {} in the shader", T::NAME))?;
+    let layout = StructLayout::of(&module, handle);
+    layout.ok_or_else(|| format!("{} is no struct", T::NAME))?.against::<T>()
+}
+
+fn layout_entry(
+    number: usize,
+    info: &BindingInfo,
+    visibility: wgpu::ShaderStages,
+) -> wgpu::BindGroupLayoutEntry {
     let bytes = info.layout.as_ref().map_or(0, |l| l.bytes as u64);
-    wgpu::BindGroupLayoutEntry {
-        binding: number as u32,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer {
-            ty,
-            has_dynamic_offset: false,
-            min_binding_size: std::num::NonZeroU64::new(bytes),
+    let buffer = |ty| wgpu::BindingType::Buffer {
+        ty,
+        has_dynamic_offset: false,
+        min_binding_size: std::num::NonZeroU64::new(bytes),
+    };
+    let ty = match info.access {
+        Access::Uniform => buffer(wgpu::BufferBindingType::Uniform),
+        Access::Read => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
+        Access::ReadWrite => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
+        Access::Layers => wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Uint,
+            view_dimension: wgpu::TextureViewDimension::D2Array,
+            multisampled: false,
         },
-        count: None,
-    }
+    };
+    wgpu::BindGroupLayoutEntry { binding: number as u32, visibility, ty, count: None }
 }

@@ -51,8 +51,16 @@ pub mod library {
         "fusion/survey_x",
         "fusion/tiles",
         "fusion/voxels",
+        "exitant/camera",
+        "exitant/reflected",
+        "exitant/side",
         "input/color",
         "input/depth",
+        "raster/color",
+        "raster/draw",
+        "raster/resolve",
+        "raster/scene",
+        "raster/visible",
         "shared/color",
         "shared/median",
         "shared/view",
@@ -84,7 +92,8 @@ impl Constant {
     }
 }
 
-/// A compute shader: the function `main` of a file, with constants.
+/// The shader of a file, with constants: a function `main` that computes, or `vertex_main` and
+/// `fragment_main` that draw.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shader {
     pub file: &'static str,

@@ -2,7 +2,7 @@
 
 use super::pipeline::{Reflection, parse};
 use super::shader::library;
-use super::stages::shaders;
+use super::stages::{drawing_shaders, shaders};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -30,15 +30,18 @@ fn the_library_holds_every_file() {
 #[test]
 fn every_shader_is_valid_within_the_limits_of_webgpu() {
     let limits = wgpu::Limits::default();
-    let shaders = shaders();
-    for shader in &shaders {
+    let (computing, drawing) = (shaders(), drawing_shaders());
+    let shaders: Vec<_> = computing.iter().chain(&drawing).collect();
+    for (at, shader) in shaders.iter().enumerate() {
         let module = parse(shader).unwrap_or_else(|e| panic!("{e}"));
         let checked =
             Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
         checked.unwrap_or_else(|e| {
             panic!("{}: {}", shader.file, e.emit_to_string(&shader.compose().unwrap()))
         });
-        let reflection = Reflection::of(shader, &module).unwrap_or_else(|e| panic!("{e}"));
+        let draws = at >= computing.len();
+        let reflect = if draws { Reflection::of_drawing } else { Reflection::of };
+        let reflection = reflect(shader, &module).unwrap_or_else(|e| panic!("{e}"));
         let storage = reflection.storage_bindings();
         assert!(storage <= limits.max_storage_buffers_per_shader_stage as usize, "{}", shader.file);
         let invocations: u32 = reflection.workgroup.iter().product();

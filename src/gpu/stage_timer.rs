@@ -3,7 +3,7 @@
 use super::{Commands, Gpu, GpuBuffer, GpuError, ReadBack};
 use crate::timing::{Stage, StageTimes};
 use std::time::Duration;
-use wgpu::{BufferUsages, ComputePassTimestampWrites};
+use wgpu::{BufferUsages, ComputePassTimestampWrites, RenderPassTimestampWrites};
 
 /// Passes that are measured in one submission; those beyond are not.
 const MOST_PASSES: usize = 256;
@@ -77,15 +77,30 @@ pub(super) struct PassMarks {
 
 impl PassMarks {
     pub fn next(&mut self, stage: Stage) -> Option<ComputePassTimestampWrites<'_>> {
-        let first = 2 * self.passes.len() as u32;
-        if self.passes.len() == MOST_PASSES {
-            return None;
-        }
-        self.passes.push(stage);
+        let first = self.reserve(stage)?;
         Some(ComputePassTimestampWrites {
             query_set: &self.queries,
             beginning_of_pass_write_index: Some(first),
             end_of_pass_write_index: Some(first + 1),
         })
+    }
+
+    pub fn next_drawing(&mut self, stage: Stage) -> Option<RenderPassTimestampWrites<'_>> {
+        let first = self.reserve(stage)?;
+        Some(RenderPassTimestampWrites {
+            query_set: &self.queries,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        })
+    }
+
+    /// The first of a pass's two queries.
+    fn reserve(&mut self, stage: Stage) -> Option<u32> {
+        let first = 2 * self.passes.len() as u32;
+        if self.passes.len() == MOST_PASSES {
+            return None;
+        }
+        self.passes.push(stage);
+        Some(first)
     }
 }

@@ -5,6 +5,10 @@ mod dyn_geo;
 mod fusion;
 mod input;
 mod transfer_map;
+mod exitant;
+mod input;
+mod raster;
+mod virtual_layer;
 
 pub use compositing::{
     CompositingPass, GpuComposeInput, GpuPicture, GpuVirtualLayer, PictureReadBack,
@@ -13,6 +17,10 @@ pub use dyn_geo::DynGeoPass;
 pub use fusion::{EmptySpacePass, GpuVolume, RayCaster, SurfacePass};
 pub use input::{FramePictures, InputPass};
 pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
+pub use exitant::ExitantPass;
+pub use input::{FramePictures, InputPass};
+pub use raster::{Drawn, RasterPass};
+pub use virtual_layer::GpuVirtualLayer;
 
 #[cfg(test)]
 pub(crate) mod test_support;
@@ -21,4 +29,12 @@ pub(crate) mod test_support;
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<super::Shader> {
     [compositing::shaders(), dyn_geo::shaders(), fusion::shaders(), input::shaders().into()].concat()
+    [dyn_geo::shaders(), exitant::shaders().into(), input::shaders().into(), raster::shaders()]
+        .concat()
+}
+
+/// Those that draw, each with functions `vertex_main` and `fragment_main`.
+#[cfg(test)]
+pub(super) fn drawing_shaders() -> Vec<super::Shader> {
+    raster::drawing_shaders()
 }
