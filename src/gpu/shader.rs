@@ -24,6 +24,14 @@ pub mod library {
         "shared/color",
         "shared/median",
         "shared/view",
+        "transfer/emitter",
+        "transfer/farthest",
+        "transfer/insert",
+        "transfer/limits",
+        "transfer/lobe",
+        "transfer/merged",
+        "transfer/real",
+        "transfer/sampling",
     ];
 
     /// The text of a file.

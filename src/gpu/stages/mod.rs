@@ -2,9 +2,13 @@
 
 mod dyn_geo;
 mod input;
+pub mod transfer;
+mod transfer_map;
 
 pub use dyn_geo::DynGeoPass;
 pub use input::{FramePictures, InputPass};
+pub use transfer::TransferPass;
+pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
 
 #[cfg(test)]
 pub(crate) mod test_support;
@@ -12,5 +16,5 @@ pub(crate) mod test_support;
 /// Every shader of every stage, with constants that it may get: for tests that need no device.
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<super::Shader> {
-    [dyn_geo::shaders(), input::shaders().into()].concat()
+    [dyn_geo::shaders(), input::shaders().into(), transfer::shaders()].concat()
 }
