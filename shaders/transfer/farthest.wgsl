@@ -6,6 +6,7 @@
 const NOTHING_M = 3.0e38;
 // Surfaces beyond this depth are taken as missing, so that nothing overflows.
 const FARTHEST_M = 1.0e9;
+const LONGEST_NORMAL = 1.0e25;
 
 struct LimitsUniform {
     view: View,
@@ -35,7 +36,7 @@ fn hidden_beyond(pixel: vec2u, surface: vec4f) -> f32 {
         // without a normal there is no plane to extend
         return z + params.bias_m;
     }
-    if !is_between(dot(n, n), 0.0, NOTHING_M) {
+    if !is_between(abs(n.x) + abs(n.y) + abs(n.z), 0.0, LONGEST_NORMAL) {
         return NOTHING_M;
     }
     let half_pixel = 0.5 / params.view.scale;
