@@ -2,11 +2,13 @@
 
 mod dyn_geo;
 mod input;
+mod light_samples;
 pub mod transfer;
 mod transfer_map;
 
 pub use dyn_geo::DynGeoPass;
 pub use input::{FramePictures, InputPass};
+pub use light_samples::LightSamplesPass;
 pub use transfer::TransferPass;
 pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
 
@@ -16,5 +18,6 @@ pub(crate) mod test_support;
 /// Every shader of every stage, with constants that it may get: for tests that need no device.
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<super::Shader> {
-    [dyn_geo::shaders(), input::shaders().into(), transfer::shaders()].concat()
+    [dyn_geo::shaders(), input::shaders().into(), light_samples::shaders(), transfer::shaders()]
+        .concat()
 }

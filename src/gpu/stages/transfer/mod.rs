@@ -19,7 +19,6 @@ mod tests;
 use super::transfer_map::grid_size;
 use super::{GpuIndirectMap, GpuTransferMap};
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, Shader};
-use crate::image::Size;
 use crate::math::sh::coefficients;
 use crate::timing::Stage;
 use crate::transfer::{BounceParams, DirectionSet, TransferParams};
@@ -71,11 +70,6 @@ impl TransferPass {
             params: params.clone(),
             bounce: bounce.clone(),
         })
-    }
-
-    /// A map that [`Self::transfer`] can fill.
-    pub fn transfer_map(&self, gpu: &Gpu, image: Size) -> Result<GpuTransferMap, GpuError> {
-        GpuTransferMap::new(gpu, self.params.bands, self.params.subsampling, image)
     }
 
     /// Transfer of every grid point of the main buffer.
