@@ -3,13 +3,13 @@
 mod dyn_geo;
 mod input;
 mod light_samples;
-pub mod transfer;
+mod transfer;
 mod transfer_map;
 
 pub use dyn_geo::DynGeoPass;
 pub use input::{FramePictures, InputPass};
 pub use light_samples::LightSamplesPass;
-pub use transfer::TransferPass;
+pub use transfer::{GpuBuffers, GpuRadiance, MAX_VIEWS, TransferPass};
 pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
 
 #[cfg(test)]

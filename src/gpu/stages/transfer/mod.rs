@@ -1,8 +1,8 @@
 //! The RadTransfer stage in image space, as [`crate::transfer::RadianceTransfer`].
 //!
 //! ```text
-//! limits -> real               transfer of the real scene
-//! insert -> merged             transfer with virtual surfaces, and one bounce of light
+//! limits -> real              transfer of the real scene
+//! insert -> merged            transfer with virtual surfaces, and one bounce of light
 //! ```
 //!
 //! One invocation looks along all directions from one point of the grid. What spares the CPU most look-ups
