@@ -61,9 +61,22 @@ pub mod library {
         "raster/resolve",
         "raster/scene",
         "raster/visible",
+        "light_samples/candidates",
+        "light_samples/judge",
+        "light_samples/pick",
+        "light_samples/picture",
+        "light_samples/scan",
         "shared/color",
         "shared/median",
         "shared/view",
+        "transfer/emitter",
+        "transfer/farthest",
+        "transfer/insert",
+        "transfer/limits",
+        "transfer/lobe",
+        "transfer/merged",
+        "transfer/real",
+        "transfer/sampling",
     ];
 
     /// The text of a file.

@@ -36,7 +36,7 @@ pub mod reference;
 mod samples;
 mod stage;
 #[cfg(test)]
-mod test_support;
+pub(crate) mod test_support;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

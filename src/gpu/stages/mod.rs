@@ -9,6 +9,9 @@ mod exitant;
 mod input;
 mod raster;
 mod virtual_layer;
+mod light_samples;
+mod transfer;
+mod transfer_map;
 
 pub use compositing::{
     CompositingPass, GpuComposeInput, GpuPicture, GpuVirtualLayer, PictureReadBack,
@@ -21,6 +24,9 @@ pub use exitant::ExitantPass;
 pub use input::{FramePictures, InputPass};
 pub use raster::{Drawn, RasterPass};
 pub use virtual_layer::GpuVirtualLayer;
+pub use light_samples::LightSamplesPass;
+pub use transfer::{GpuBuffers, GpuRadiance, MAX_VIEWS, TransferPass};
+pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
 
 #[cfg(test)]
 pub(crate) mod test_support;
@@ -37,4 +43,6 @@ pub(super) fn shaders() -> Vec<super::Shader> {
 #[cfg(test)]
 pub(super) fn drawing_shaders() -> Vec<super::Shader> {
     raster::drawing_shaders()
+    [dyn_geo::shaders(), input::shaders().into(), light_samples::shaders(), transfer::shaders()]
+        .concat()
 }
