@@ -24,6 +24,10 @@ pub mod library {
         "shared/color",
         "shared/median",
         "shared/view",
+        "tracking/bilateral",
+        "tracking/halve",
+        "tracking/lens",
+        "tracking/normals",
     ];
 
     /// The text of a file.

@@ -34,6 +34,12 @@ mod tracker;
 #[cfg(test)]
 mod tests;
 
+#[cfg(feature = "gpu")]
+pub(crate) use bilateral::Bilateral;
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use pyramid::Pyramid;
+#[cfg(feature = "gpu")]
+pub(crate) use pyramid::{DEPTH_RANGE_M, edge_m, level_cameras};
 pub use tracker::Tracker;
 
 use crate::math::Pose;
