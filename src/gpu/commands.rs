@@ -71,6 +71,9 @@ impl<'g> Commands<'g> {
 
     /// Hands everything to the device.
     pub fn submit(self) -> Result<(), GpuError> {
+        // two threads may submit: neither may write the other's parameters
+        let submitting = &self.gpu.submitting;
+        let _held = submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if !self.parameters.is_empty() {
             self.gpu.write(&self.gpu.arena, 0, &self.parameters);
         }

@@ -16,6 +16,8 @@ pub struct Gpu {
     queue: wgpu::Queue,
     summary: AdapterSummary,
     pub(super) arena: wgpu::Buffer,
+    /// Held from writing the arena until its commands are submitted.
+    pub(super) submitting: Mutex<()>,
     pub(super) traffic: TrafficCounter,
     pipelines: Mutex<HashMap<String, Arc<Pipeline>>>,
     failures: Arc<Failures>,
@@ -77,6 +79,7 @@ impl Gpu {
             queue,
             summary: summary.clone(),
             arena,
+            submitting: Mutex::default(),
             traffic: TrafficCounter::default(),
             pipelines: Mutex::default(),
             failures,

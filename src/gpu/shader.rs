@@ -28,6 +28,8 @@ pub mod library {
         "tracking/halve",
         "tracking/lens",
         "tracking/normals",
+        "tracking/sums",
+        "tracking/totals",
     ];
 
     /// The text of a file.

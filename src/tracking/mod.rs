@@ -36,6 +36,10 @@ mod tests;
 
 #[cfg(feature = "gpu")]
 pub(crate) use bilateral::Bilateral;
+#[cfg(feature = "gpu")]
+pub(crate) use normal_equations::{DEPTH_NOISE, Gates, HUBER_SIGMAS, Sums, TERMS, rows_of_inverse};
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use normal_equations::{ModelView, Reduction};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use pyramid::Pyramid;
 #[cfg(feature = "gpu")]

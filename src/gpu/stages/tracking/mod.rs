@@ -2,6 +2,7 @@
 //! and thumbnails are made on the device; the states and the 6x6 solves are the CPU tracker's own.
 
 mod pyramid;
+mod sums;
 #[cfg(test)]
 mod test_scene;
 
@@ -30,5 +31,5 @@ impl Lens {
 
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<crate::gpu::Shader> {
-    pyramid::shaders()
+    [pyramid::shaders(), sums::shaders()].concat()
 }
