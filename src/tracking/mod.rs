@@ -22,14 +22,16 @@
 //!   once ten frames are averaged (at 2.5 m 5000 after thirty): hence `min_eigenvalue_ratio`.
 
 mod bilateral;
+mod follower;
+mod host;
 mod judgement;
 mod keyframes;
 mod normal_equations;
 mod padded;
+mod picture_pair;
 mod pyramid;
 mod registration;
 mod solve;
-mod tracker;
 
 #[cfg(test)]
 mod tests;
@@ -37,14 +39,21 @@ mod tests;
 #[cfg(feature = "gpu")]
 pub(crate) use bilateral::Bilateral;
 #[cfg(feature = "gpu")]
+pub(crate) use follower::Follower;
+pub use host::Tracker;
+#[cfg(feature = "gpu")]
+pub(crate) use keyframes::{COLUMNS, MIN_CELL_DEPTH, ROWS, Thumbnail};
+#[cfg(feature = "gpu")]
 pub(crate) use normal_equations::{DEPTH_NOISE, Gates, HUBER_SIGMAS, Sums, TERMS, rows_of_inverse};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use normal_equations::{ModelView, Reduction};
+pub use picture_pair::FrameTag;
+#[cfg(feature = "gpu")]
+pub(crate) use picture_pair::PicturePair;
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use pyramid::Pyramid;
 #[cfg(feature = "gpu")]
 pub(crate) use pyramid::{DEPTH_RANGE_M, edge_m, level_cameras};
-pub use tracker::Tracker;
 
 use crate::math::Pose;
 
