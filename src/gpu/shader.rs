@@ -25,6 +25,7 @@ pub mod library {
         "shared/median",
         "shared/view",
         "tracking/bilateral",
+        "tracking/cells",
         "tracking/halve",
         "tracking/lens",
         "tracking/normals",

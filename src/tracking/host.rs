@@ -3,7 +3,7 @@
 use super::follower::Follower;
 use super::keyframes::Thumbnail;
 use super::normal_equations::{Gates, ModelView, Reduction, Sums};
-use super::picture_pair::{FrameTag, PicturePair};
+use super::picture_pair::{FrameTag, ModelPicture, PicturePair};
 use super::pyramid::Pyramid;
 use super::{Tracking, TrackingParams};
 use crate::capture::RgbdFrame;
@@ -63,37 +63,20 @@ impl Tracker {
     ) -> Tracking {
         let tag = FrameTag { index: frame.index, recorded_pose: frame.world_from_camera };
         let Self { follower, pyramid, reduction, rendered } = self;
-        let model = model.map_or(Model::Missing, Model::Given);
+        let model = ModelPicture::given(model);
         let mut pictures = HostPictures { frame, model, pyramid, reduction, rendered, render };
         let Ok(tracking) = follower.follow(tag, &mut pictures);
         tracking
     }
 }
 
-/// Which picture of the map the frame is aligned with.
-enum Model<'a> {
-    Missing,
-    Given(&'a GBuffer),
-    Rendered,
-}
-
 struct HostPictures<'a> {
     frame: &'a RgbdFrame,
-    model: Model<'a>,
+    model: ModelPicture<'a, GBuffer>,
     pyramid: &'a mut Pyramid,
     reduction: &'a mut Reduction,
     rendered: &'a mut Option<GBuffer>,
     render: &'a mut dyn FnMut(&View, &mut GBuffer),
-}
-
-impl Model<'_> {
-    fn picture<'a>(&'a self, rendered: &'a Option<GBuffer>) -> Option<&'a GBuffer> {
-        match self {
-            Self::Missing => None,
-            Self::Given(given) => Some(given),
-            Self::Rendered => rendered.as_ref(),
-        }
-    }
 }
 
 impl PicturePair for HostPictures<'_> {
@@ -116,14 +99,14 @@ impl PicturePair for HostPictures<'_> {
     }
 
     fn model_view(&self) -> Option<View> {
-        self.model.picture(self.rendered).map(|picture| picture.view)
+        self.model.of(self.rendered).map(|picture| picture.view)
     }
 
     fn render_model(&mut self, view: &View) -> Result<(), Infallible> {
         let picture = self.rendered.get_or_insert_with(|| GBuffer::empty(*view));
         picture.set_view(*view);
         (self.render)(view, picture);
-        self.model = Model::Rendered;
+        self.model = ModelPicture::Rendered;
         Ok(())
     }
 
@@ -134,7 +117,7 @@ impl PicturePair for HostPictures<'_> {
         model_from_camera: &Pose,
         gates: &Gates,
     ) -> Result<Sums, Infallible> {
-        let picture = self.model.picture(self.rendered).expect("a picture of the map");
+        let picture = self.model.of(self.rendered).expect("a picture of the map");
         let model = ModelView::new(picture, model_camera);
         let level = &self.pyramid.levels[level];
         Ok(self.reduction.accumulate(level, &model, model_from_camera, gates))

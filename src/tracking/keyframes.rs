@@ -28,8 +28,8 @@ const MIN_SHARED_DEPTH: f32 = 0.25;
 /// metres, missing = 0.0.
 #[derive(Clone, Debug)]
 pub(crate) struct Thumbnail {
-    intensity: Vec<f32>,
-    depth_m: Vec<f32>,
+    pub intensity: Vec<f32>,
+    pub depth_m: Vec<f32>,
 }
 
 #[derive(Clone, Debug)]

@@ -49,7 +49,7 @@ pub(crate) use normal_equations::{DEPTH_NOISE, Gates, HUBER_SIGMAS, Sums, TERMS,
 pub(crate) use normal_equations::{ModelView, Reduction};
 pub use picture_pair::FrameTag;
 #[cfg(feature = "gpu")]
-pub(crate) use picture_pair::PicturePair;
+pub(crate) use picture_pair::{ModelPicture, PicturePair};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use pyramid::Pyramid;
 #[cfg(feature = "gpu")]

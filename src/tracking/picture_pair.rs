@@ -46,3 +46,25 @@ pub(crate) trait PicturePair {
         gates: &Gates,
     ) -> Result<Sums, Self::Error>;
 }
+
+/// Which picture of the map the frame is aligned with.
+pub(crate) enum ModelPicture<'a, P> {
+    Missing,
+    Given(&'a P),
+    /// The one that the device keeps for [`PicturePair::render_model`].
+    Rendered,
+}
+
+impl<'a, P> ModelPicture<'a, P> {
+    pub fn given(picture: Option<&'a P>) -> Self {
+        picture.map_or(Self::Missing, Self::Given)
+    }
+
+    pub fn of<'p>(&'p self, rendered: &'p Option<P>) -> Option<&'p P> {
+        match self {
+            Self::Missing => None,
+            Self::Given(given) => Some(given),
+            Self::Rendered => rendered.as_ref(),
+        }
+    }
+}

@@ -6,6 +6,7 @@ mod tracking;
 
 pub use dyn_geo::DynGeoPass;
 pub use input::{FramePictures, InputPass};
+pub use tracking::{GpuTracker, RenderModel};
 
 #[cfg(test)]
 pub(crate) mod test_support;

@@ -1,10 +1,16 @@
 //! The camera part of the Reconstruct stage, as [`crate::tracking`]: filtered pyramid, sums of the alignment
 //! and thumbnails are made on the device; the states and the 6x6 solves are the CPU tracker's own.
 
+mod cells;
 mod pyramid;
 mod sums;
 #[cfg(test)]
 mod test_scene;
+#[cfg(test)]
+mod tests;
+mod tracker;
+
+pub use tracker::{GpuTracker, RenderModel};
 
 use crate::gpu::uniform;
 use crate::math::Pinhole;
@@ -31,5 +37,5 @@ impl Lens {
 
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<crate::gpu::Shader> {
-    [pyramid::shaders(), sums::shaders()].concat()
+    [pyramid::shaders(), sums::shaders(), vec![cells::shader()]].concat()
 }

@@ -80,7 +80,7 @@ impl AlignmentSums {
         })
     }
 
-    /// Sums over all pixels of `level`, moved by `model_from_camera`; waits for them. `model_camera` is the
+    /// Sums over all pixels of `level`, moved by `model_from_camera`; submits `commands`, and waits. `model_camera` is the
     /// perspective projection of `model`; both pictures have pixels.
     pub fn evaluate(
         &mut self,

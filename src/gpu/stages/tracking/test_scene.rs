@@ -14,7 +14,12 @@ pub fn camera(width: usize, height: usize) -> Pinhole {
 
 /// A place from which the corner scene shows floor, walls, box and ball.
 pub fn corner_pose() -> Pose {
-    let eye = Vector3::new(1.0, -1.1, 0.9);
+    look_at([1.0, -1.1, 0.9])
+}
+
+/// From `eye` to the middle of the corner scene.
+pub fn look_at(eye: [f64; 3]) -> Pose {
+    let eye = Vector3::from(eye);
     let forward = (Vector3::new(-0.1, 0.15, 0.1) - eye).normalize();
     let right = forward.cross(&Vector3::z()).normalize();
     let axes = Matrix3::from_columns(&[right, forward.cross(&right), forward]);
