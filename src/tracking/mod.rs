@@ -6,6 +6,9 @@
 //!                                                       (association, 6x6 sums, solve)
 //! ```
 //!
+//! The states know nothing of where pictures lie: what they need of a device is the trait `PicturePair`.
+//! [`Tracker`] is that of the host's memory.
+//!
 //! Choices that the paper leaves open:
 //! - Partners are looked up in the full-size model picture at every level; the frame alone has a pyramid.
 //!   Alignment is computed in the axes of the model's view, so the distance from the world's origin costs
