@@ -126,8 +126,7 @@ impl Follower {
         let Some(model_view) = pictures.model_view() else {
             self.place(frame);
             self.motion = Pose::identity();
-            let pose = self.world_from_camera;
-            self.consider_keyframe(&pose, pictures)?;
+            self.consider_keyframe(self.world_from_camera, pictures)?;
             return Ok(self.unmeasured(frame, TrackingState::Init, None));
         };
         self.place(frame);
@@ -146,7 +145,7 @@ impl Follower {
             }
             (_, Verdict::Good(fit)) => {
                 let tracking = self.accept(frame, fit, TrackingState::Tracking, None);
-                self.consider_keyframe(&fit.world_from_camera, pictures)?;
+                self.consider_keyframe(fit.world_from_camera, pictures)?;
                 tracking
             }
             (_, Verdict::Poor(fit, issue))
@@ -165,12 +164,12 @@ impl Follower {
     /// Keeps this frame to come back to, where that is wanted and no other was taken from near by.
     fn consider_keyframe<P: PicturePair>(
         &mut self,
-        world_from_camera: &Pose,
+        world_from_camera: Pose,
         pictures: &mut P,
     ) -> Result<(), P::Error> {
-        if self.params.on_lost == OnLost::Relocalise && !self.keyframes.has_near(world_from_camera)
+        if self.params.on_lost == OnLost::Relocalise && !self.keyframes.has_near(&world_from_camera)
         {
-            self.keyframes.keep(pictures.thumbnail()?, *world_from_camera);
+            self.keyframes.keep(pictures.thumbnail()?, world_from_camera);
         }
         Ok(())
     }
