@@ -1,8 +1,7 @@
 // Projective data association and the sums of point-to-plane alignment (Newcombe et al. 2011, Eq. 14-20),
 // in the axes of the model's view; one partial sum for each workgroup.
 // Constants: ITEMS, pixels that an invocation adds up; LANES, invocations of a workgroup, at least TERMS,
-// the numbers of a sum and a multiple of 4; NOISE_FLOOR_M, NOISE_GROWTH
-// and NOISE_NEAREST_M, noise of depth; HUBER_SIGMAS, where weights begin to fall.
+// the numbers of a sum and a multiple of 4; NOISE_FLOOR_M, NOISE_GROWTH and NOISE_NEAREST_M, noise of depth.
 #import tracking/lens
 
 struct SumsUniform {
@@ -12,8 +11,9 @@ struct SumsUniform {
     model: Lens,
     max_distance_m: f32,
     min_cosine: f32,
-    pad0: u32,
-    pad1: u32,
+    // residuals beyond this many standard deviations of the depth noise weigh less
+    huber_sigmas: f32,
+    pad: u32,
 }
 
 // an odd number of words from one invocation's terms to the next's
@@ -47,7 +47,7 @@ fn depth_sigma_m(depth_m: f32) -> f32 {
 // Jacobian is (p x n, n).
 fn add_partner(point: vec3f, n: vec3f, residual: f32, depth_m: f32) {
     let sigma = depth_sigma_m(depth_m);
-    let limit = HUBER_SIGMAS * sigma;
+    let limit = params.huber_sigmas * sigma;
     let distance = abs(residual);
     let huber = select(1.0, limit / max(distance, limit), distance > limit);
     let relative = depth_sigma_m(NOISE_NEAREST_M) / sigma;

@@ -47,7 +47,7 @@ pub use host::Tracker;
 #[cfg(feature = "gpu")]
 pub(crate) use keyframes::{COLUMNS, MIN_CELL_DEPTH, ROWS, Thumbnail};
 #[cfg(feature = "gpu")]
-pub(crate) use normal_equations::{DEPTH_NOISE, Gates, HUBER_SIGMAS, Sums, TERMS, rows_of_inverse};
+pub(crate) use normal_equations::{DEPTH_NOISE, Gates, Sums, TERMS, rows_of_inverse};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use normal_equations::{ModelView, Reduction};
 pub use picture_pair::FrameTag;

@@ -80,6 +80,8 @@ impl Sums {
 pub(crate) struct Gates {
     pub max_distance_m: f32,
     pub min_cosine: f32,
+    /// Residuals beyond this many standard deviations of the depth noise weigh less (Huber).
+    pub huber_sigmas: f32,
 }
 
 impl Gates {
@@ -88,13 +90,13 @@ impl Gates {
         Self {
             max_distance_m: params.max_distance_m * reach,
             min_cosine: params.max_angle_rad.cos(),
+            huber_sigmas: HUBER_SIGMAS,
         }
     }
 }
 
-/// Residuals beyond this many standard deviations of the depth noise weigh less (Huber). The usual
-/// constant: 95 % efficiency on Gaussian residuals.
-pub(crate) const HUBER_SIGMAS: f32 = 1.345;
+/// The usual constant: 95 % efficiency on Gaussian residuals.
+const HUBER_SIGMAS: f32 = 1.345;
 
 /// The model's picture as the kernel reads it.
 #[derive(Clone, Copy, Debug)]
@@ -213,7 +215,7 @@ fn accumulate_rows_body(
             }
             let normals = normals.map(|row| &row[x0..x0 + LANES]);
             let pairs = associate(x0, y, depth, normals, &level.camera, model, motion, gates);
-            pairs.add_to(&mut lanes);
+            pairs.add_to(&mut lanes, gates);
         }
     }
     // Lanes are added in f64, in order.
@@ -337,13 +339,13 @@ impl Pairs {
     /// Adds `w J^T J`, `w J^T r` and the scalars. A small motion (w, t) moves the point by `w x p + t`,
     /// so the row of the Jacobian is `J = (p x n, n)`.
     #[inline(always)]
-    fn add_to(&self, lanes: &mut [[f32; LANES]; TERMS]) {
+    fn add_to(&self, lanes: &mut [[f32; LANES]; TERMS], gates: &Gates) {
         let (p, n) = (&self.point, &self.normal);
         let mut weight = [0f32; LANES];
         let mut jacobian = [[0f32; LANES]; 6];
         for i in 0..LANES {
             let sigma = depth_sigma_m(self.depth[i]);
-            let huber = (HUBER_SIGMAS * sigma / self.residual[i].abs()).min(1.0);
+            let huber = (gates.huber_sigmas * sigma / self.residual[i].abs()).min(1.0);
             let relative = depth_sigma_m(DEPTH_NOISE.nearest_m) / sigma;
             weight[i] = huber * relative * relative;
             jacobian[0][i] = p[1][i] * n[2][i] - p[2][i] * n[1][i];

@@ -7,7 +7,7 @@ use crate::gpu::{
     Commands, Constant, Gpu, GpuBuffer, GpuError, GpuGBuffer, ReadBack, Shader, uniform,
 };
 use crate::math::{Pinhole, Pose, affine_from_pose};
-use crate::tracking::{DEPTH_NOISE, Gates, HUBER_SIGMAS, Sums, TERMS, rows_of_inverse};
+use crate::tracking::{DEPTH_NOISE, Gates, Sums, TERMS, rows_of_inverse};
 use glam::{Mat3, Mat4};
 
 uniform! {
@@ -18,8 +18,8 @@ uniform! {
         model: Lens,
         max_distance_m: f32,
         min_cosine: f32,
-        pad0: u32,
-        pad1: u32,
+        huber_sigmas: f32,
+        pad: u32,
     }
 }
 
@@ -42,7 +42,6 @@ fn sums_shader() -> Shader {
         .with("NOISE_FLOOR_M", Constant::F32(DEPTH_NOISE.floor_m))
         .with("NOISE_GROWTH", Constant::F32(DEPTH_NOISE.growth))
         .with("NOISE_NEAREST_M", Constant::F32(DEPTH_NOISE.nearest_m))
-        .with("HUBER_SIGMAS", Constant::F32(HUBER_SIGMAS))
 }
 
 fn totals_shader() -> Shader {
@@ -100,8 +99,8 @@ impl AlignmentSums {
             model: Lens::new(model_camera),
             max_distance_m: gates.max_distance_m,
             min_cosine: gates.min_cosine,
-            pad0: 0,
-            pad1: 0,
+            huber_sigmas: gates.huber_sigmas,
+            pad: 0,
         };
         let workgroups = workgroups(level.camera.size().pixels());
         commands
