@@ -16,13 +16,11 @@ mod pixels;
 #[cfg(test)]
 mod tests;
 mod upsample;
-mod virtual_layer;
 
 pub use picture::{GpuPicture, PictureReadBack};
-pub use virtual_layer::GpuVirtualLayer;
 
 use super::transfer_map::grid_size;
-use super::{FramePictures, GpuIndirectMap, GpuTransferMap};
+use super::{FramePictures, GpuIndirectMap, GpuTransferMap, GpuVirtualLayer};
 use crate::compositing::{CompositingParams, Compositor, Lamp, ShadingBuffers, Upsampling};
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuGBuffer};
 use crate::image::{Image, Size};
