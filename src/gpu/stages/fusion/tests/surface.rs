@@ -41,8 +41,13 @@ impl<'g> Stages<'g> {
 #[test]
 fn auxiliary_buffers_are_redone_in_turn_as_on_the_cpu() {
     let Some(gpu) = gpu() else { return };
-    let params =
-        SurfaceParams { auxiliary_resolution: 32, warm_up_updates: 1, ..SurfaceParams::default() };
+    let params = SurfaceParams {
+        auxiliary_resolution: 32,
+        left: true,
+        right: true,
+        warm_up_updates: 1,
+        ..SurfaceParams::default()
+    };
     let scene = AnalyticScene::corner();
     let views: Vec<View> = arc(5).map(|pose| View::perspective(camera(67, 43), pose)).collect();
     let mut stages = Stages::new(gpu, views[0], &params);
