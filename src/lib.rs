@@ -42,6 +42,8 @@ pub mod report;
 
 pub mod budget;
 pub mod config;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod image;
 pub mod math;
 pub mod mesh;

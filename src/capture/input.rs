@@ -178,6 +178,20 @@ static STEPS_FROM_ROOT: LazyLock<[f32; ROOTS + 2]> = LazyLock::new(|| {
     })
 });
 
+/// The curves that the Input stage looks up, for other devices.
+#[cfg(feature = "gpu")]
+pub struct InputTables {
+    /// Linear light of each 8-bit sRGB code.
+    pub linear_from_code: &'static [f32; 256],
+    /// Encoded intensity at equal steps of the root of luminance from 0 to 1, and one more.
+    pub steps_from_root: &'static [f32],
+}
+
+#[cfg(feature = "gpu")]
+pub fn input_tables() -> InputTables {
+    InputTables { linear_from_code: &LINEAR_FROM_SRGB8, steps_from_root: &*STEPS_FROM_ROOT }
+}
+
 #[multiversion::multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
     "x86_64+avx2+fma+bmi2"

@@ -23,6 +23,8 @@ pub mod trajectory;
 pub use calibration::Calibration;
 pub use decode::MAX_PIXELS;
 pub use input::InputStage;
+#[cfg(feature = "gpu")]
+pub use input::{InputTables, input_tables};
 pub use inspect::{SequenceReport, inspect};
 pub use layout::Layout;
 pub use registration::Registration;

@@ -1,5 +1,7 @@
 //! The command line. Names here are relied on by scripts.
 
+#[cfg(feature = "gpu")]
+use super::doctor::DoctorArgs;
 use super::report::ReportArgs;
 use super::study_composite::CompositeStudyArgs;
 use super::study_estimator::EstimatorStudyArgs;
@@ -46,6 +48,8 @@ pub enum Command {
     },
     Tradeoff(TradeoffArgs),
     Report(ReportArgs),
+    #[cfg(feature = "gpu")]
+    Doctor(DoctorArgs),
 }
 
 #[derive(Debug, Subcommand)]

@@ -2,6 +2,8 @@
 
 mod args;
 mod commands;
+#[cfg(feature = "gpu")]
+mod doctor;
 mod error;
 mod objects;
 mod pictures;
@@ -31,6 +33,8 @@ pub fn main() -> ExitCode {
         Command::Study { study: Study::Estimator(args) } => study_estimator::run(args, talk),
         Command::Tradeoff(args) => tradeoff::run(args, talk),
         Command::Report(args) => report::run(args, talk),
+        #[cfg(feature = "gpu")]
+        Command::Doctor(args) => doctor::run(args, talk),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -23,6 +23,13 @@ pub static SRGB: LazyLock<SrgbEncoder> = LazyLock::new(|| SrgbEncoder {
 });
 
 impl SrgbEncoder {
+    /// The codes at the buckets' starts, then where each of the 256 codes begins and one number that no
+    /// light reaches.
+    #[cfg(feature = "gpu")]
+    pub fn tables(&self) -> (&[u8], [f32; 257]) {
+        (&self.code, self.begins.map(|light| light.min(f32::MAX)))
+    }
+
     /// The nearest code; values outside [0, 1] are clamped, NaN gives 0.
     #[inline(always)]
     pub fn encode(&self, linear: f32) -> u8 {
@@ -34,7 +41,7 @@ impl SrgbEncoder {
 }
 
 /// Linear up to here, compressed towards 1 above.
-const SHOULDER: f32 = 0.8;
+pub const SHOULDER: f32 = 0.8;
 
 /// Keeps virtual pixels that are brighter than white from being cut off: linear below
 /// [`SHOULDER`], then x / (1 + x) (Reinhard et al. 2002), with a continuous slope. The colour's

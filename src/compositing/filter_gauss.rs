@@ -138,7 +138,7 @@ fn catmull_rom(t: f32) -> [f32; 4] {
 }
 
 /// Weights of a Gaussian cut off at three standard deviations.
-fn gaussian(radius: usize, out: &mut Vec<f32>) {
+pub fn gaussian(radius: usize, out: &mut Vec<f32>) {
     let sigma = radius.max(1) as f32 / 3.0;
     out.clear();
     out.extend((0..=2 * radius).map(|k| {

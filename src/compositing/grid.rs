@@ -23,7 +23,7 @@ const FLOOR_SHARE: f32 = 0.08;
 const VISIBILITY_OFFSET_SHARE: f32 = 0.05;
 
 /// Visibility above this is noise.
-const MAX_VISIBILITY: f32 = 8.0;
+pub const MAX_VISIBILITY: f32 = 8.0;
 
 /// Kind of surface that a pixel of the merged buffer shows.
 #[inline(always)]
@@ -42,9 +42,9 @@ pub struct Lamp {
     /// One channel where the three are equal.
     pub channels: usize,
     /// Coefficients of each channel, zero beyond the light's bands.
-    coefficients: [[f32; sh::MAX_COEFFICIENTS]; 3],
+    pub coefficients: [[f32; sh::MAX_COEFFICIENTS]; 3],
     /// Polynomial of the normal for each channel: bands 0 to 2 times A_l / pi.
-    polynomial: [[f32; 9]; 3],
+    pub polynomial: [[f32; 9]; 3],
     pub floor: f32,
     pub visibility_offset: f32,
 }

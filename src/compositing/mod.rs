@@ -21,9 +21,25 @@ mod stage;
 mod upsample;
 
 #[cfg(test)]
+pub(crate) mod test_support;
+#[cfg(test)]
 mod tests;
 
+#[cfg(feature = "gpu")]
+pub(crate) use encode::{SHOULDER, SRGB};
+#[cfg(feature = "gpu")]
+pub(crate) use filter_gauss::gaussian;
+#[cfg(feature = "gpu")]
+pub(crate) use grid::{Lamp, MAX_VISIBILITY};
+#[cfg(feature = "gpu")]
+pub(crate) use pixels::MAX_RATIO;
+#[cfg(feature = "gpu")]
+pub(crate) use smooth::{Likeness, PixelSteps};
+#[cfg(feature = "gpu")]
+pub(crate) use stage::log_average_step;
 pub use stage::{ComposeInput, CompositingStage, ShadingBuffers};
+#[cfg(feature = "gpu")]
+pub(crate) use upsample::{Between, MIN_WEIGHT, between};
 
 use crate::image::{Image, Size};
 

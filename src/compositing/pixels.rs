@@ -11,7 +11,7 @@ use glam::Vec3;
 
 /// Virtual objects take direct light away and never add any: where R' exceeds R, that is ringing of the
 /// spherical harmonics or noise. What they add is the bounce.
-const MAX_RATIO: f32 = 1.0;
+pub const MAX_RATIO: f32 = 1.0;
 
 /// Everything that the pixels of one frame are made from.
 pub struct Composer<'a> {

@@ -3,6 +3,7 @@
 //! Visibility samples are jittered over tiles of 2 x 2 grid points. The weights 1 2 1 in x and y
 //! average such a tile out exactly; neighbours on another surface lend nothing.
 
+use super::CompositingParams;
 use super::grid::{NOTHING, ShadingGrid};
 use super::planes::{LANES, Planes, lanes};
 use crate::geometry::GBuffer;
@@ -23,6 +24,13 @@ pub struct Likeness {
 }
 
 impl Likeness {
+    pub fn new(params: &CompositingParams) -> Self {
+        Self {
+            plane_tolerance: params.depth_tolerance.max(1e-6),
+            normal_exponent: params.normal_exponent,
+        }
+    }
+
     /// Weight from the squared relative plane distance and the cosine of the normals.
     #[inline(always)]
     pub fn weight(self, relative_distance: f32, cosine: f32) -> f32 {

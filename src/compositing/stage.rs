@@ -10,7 +10,7 @@ use super::upsample::{Between, between, upsample};
 use super::{CompositingParams, Compositor, Upsampling, VirtualLayer};
 use crate::capture::RgbdFrame;
 use crate::geometry::GBuffer;
-use crate::image::Image;
+use crate::image::{Image, Size};
 use crate::lighting::ShLight;
 use crate::math::color::{LINEAR_FROM_SRGB8, luminance};
 use crate::transfer::{IndirectMap, TransferMap};
@@ -113,10 +113,7 @@ impl CompositingStage {
         if everywhere {
             self.grid.touch_all();
         }
-        let likeness = Likeness {
-            plane_tolerance: self.params.depth_tolerance.max(1e-6),
-            normal_exponent: self.params.normal_exponent,
-        };
+        let likeness = Likeness::new(&self.params);
         let size = input.merged.size();
         if size.pixels() == 0 {
             return;
@@ -167,10 +164,10 @@ impl CompositingStage {
         }
     }
 
-    /// Log-average of R (Reinhard et al. 2002, Eq. 1), over at most about 20000 grid points.
+    /// Log-average of R (Reinhard et al. 2002, Eq. 1).
     fn log_mean_of_real(&self) -> f32 {
         let size = self.grid.size();
-        let every = (size.pixels() / 20_000).isqrt().max(1);
+        let every = log_average_step(size);
         let (mut sum, mut count) = (0.0, 0usize);
         for j in (0..size.height).step_by(every) {
             for i in (0..size.width).step_by(every) {
@@ -183,6 +180,11 @@ impl CompositingStage {
         }
         if count > 0 { (sum / count as f64).exp() as f32 } else { 1.0 }
     }
+}
+
+/// Columns and rows from one grid point of the log-average to the next, so that 20000 to 80000 are enough.
+pub fn log_average_step(grid: Size) -> usize {
+    (grid.pixels() / 20_000).isqrt().max(1)
 }
 
 fn check(input: &ComposeInput) {

@@ -9,7 +9,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 /// Summed weight below which the four points are taken to lie on other surfaces.
-const MIN_WEIGHT: f32 = 1e-3;
+pub const MIN_WEIGHT: f32 = 1e-3;
 
 /// Grid points on either side of one image axis, and the weight of the second.
 #[derive(Clone, Copy, Debug)]

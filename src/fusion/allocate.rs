@@ -12,10 +12,10 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// Above this a block holds free space only: it has no voxel near a surface, and its neighbours
 /// come back when a surface does. Not exactly 1: a long average stops half a step of its weight
 /// short of the limit.
-const FREE: i16 = (0.95 * ONE as f32) as i16;
+pub(crate) const FREE: i16 = (0.95 * ONE as f32) as i16;
 
 /// Blocks this far from the volume are left alone: their coordinates may not fit integers.
-const FAR_AWAY: f32 = 1e6;
+pub(crate) const FAR_AWAY: f32 = 1e6;
 
 /// A bit for each block of the volume. Bits are only ever set while threads share it, so the
 /// result does not depend on their order.
@@ -67,7 +67,7 @@ impl TsdfVolume {
     /// passes through.
     pub(super) fn allocate_near(&mut self, depth_m: &Image<f32>, view: &View) {
         self.marks.clear();
-        let rays = Rays::new(self, view);
+        let rays = Rays::new(&self.lattice, view);
         let (volume, width) = (&*self, depth_m.width());
         depth_m.as_slice().par_chunks(width.max(1)).enumerate().for_each(|(y, row)| {
             volume.mark_row(&rays, y as f32, row);
@@ -78,13 +78,14 @@ impl TsdfVolume {
     }
 
     fn mark_row(&self, rays: &Rays, v: f32, row: &[f32]) {
+        let truncation_m = self.lattice.truncation_m;
         let mut last = (IVec3::MIN, IVec3::MIN);
         for (x, &depth) in row.iter().enumerate() {
             if !(depth > 0.0 && depth.is_finite()) {
                 continue;
             }
             let (origin, direction) = rays.at(x as f32, v);
-            let (near, far) = ((depth - self.truncation_m).max(0.0), depth + self.truncation_m);
+            let (near, far) = ((depth - truncation_m).max(0.0), depth + truncation_m);
             // block coordinates: block b holds voxel coordinates 8 b - 1/2 to 8 b + 15/2
             let a = (origin + direction * near + 0.5) / SIDE as f32;
             let b = (origin + direction * far + 0.5) / SIDE as f32;

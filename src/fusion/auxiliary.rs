@@ -2,7 +2,7 @@
 //! light, so that geometry outside the camera's view still casts shadows (Gruber et al. 2015,
 //! Sec. 5.1).
 
-use super::{SurfaceParams, TsdfVolume};
+use super::{Lattice, SurfaceParams};
 use crate::math::{Orthographic, Pose, Projection, View};
 use glam::{Mat3, Quat, Vec3};
 use nalgebra as na;
@@ -26,8 +26,8 @@ pub struct AuxiliaryRig {
 }
 
 impl AuxiliaryRig {
-    pub fn new(volume: &TsdfVolume, first_camera: &View, params: &SurfaceParams) -> Self {
-        let (low, high) = volume.bounds();
+    pub fn new(lattice: &Lattice, first_camera: &View, params: &SurfaceParams) -> Self {
+        let (low, high) = lattice.bounds();
         let axes = first_camera.world_from_view_f32().matrix3;
         Self {
             centre: 0.5 * (low + high),
@@ -105,11 +105,11 @@ mod tests {
 
     fn rig() -> AuxiliaryRig {
         let params = VolumeParams { resolution: 64, ..VolumeParams::default() };
-        let volume = TsdfVolume::new(&params, Vec3::new(1.0, -2.0, 0.5)).unwrap();
+        let lattice = Lattice::new(&params, Vec3::new(1.0, -2.0, 0.5)).unwrap();
         let camera = Pinhole { width: 64, height: 48, fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5 };
         let pose = Pose::new(na::Vector3::zeros(), na::Vector3::new(0.4, -1.1, 0.3));
         let params = SurfaceParams { left: true, right: true, ..SurfaceParams::default() };
-        AuxiliaryRig::new(&volume, &View::perspective(camera, pose), &params)
+        AuxiliaryRig::new(&lattice, &View::perspective(camera, pose), &params)
     }
 
     #[test]

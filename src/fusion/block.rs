@@ -3,16 +3,16 @@
 use super::crossings::{Bricks, Sides};
 
 /// Voxels a side of a block.
-pub(super) const SIDE: usize = 8;
+pub(crate) const SIDE: usize = 8;
 /// Voxels of a block, x fastest.
-pub(super) const VOXELS: usize = SIDE * SIDE * SIDE;
+pub(crate) const VOXELS: usize = SIDE * SIDE * SIDE;
 /// Stored distance of one truncation length.
-pub(super) const ONE: i16 = i16::MAX;
+pub(crate) const ONE: i16 = i16::MAX;
 /// Stored distance of a voxel that no frame has seen. Readers of distances need no weights.
-pub(super) const UNSEEN: i16 = i16::MIN;
+pub(crate) const UNSEEN: i16 = i16::MIN;
 /// Table entry of a block without storage: slot 0 holds one unseen block that stands for all of
 /// them, so that a reader may follow any entry.
-pub(super) const EMPTY: u32 = 0;
+pub(crate) const EMPTY: u32 = 0;
 
 /// Slots are added in chunks of this many, 2 MiB.
 const GROWTH: usize = 1024;
@@ -32,7 +32,7 @@ pub(super) struct Block {
 }
 
 /// Running average of 8-bit sRGB, and its weight.
-pub(super) type ColorBlock = [[u8; 4]; VOXELS];
+pub(crate) type ColorBlock = [[u8; 4]; VOXELS];
 
 impl Block {
     fn clear(&mut self, coords: [u16; 3]) {

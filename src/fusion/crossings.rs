@@ -4,7 +4,7 @@ use super::block::{BlockStore, SIDE, UNSEEN, VOXELS};
 use rayon::prelude::*;
 
 /// A bit for each of a block's 4x4x4 bricks, x fastest.
-pub(super) type Bricks = u64;
+pub(crate) type Bricks = u64;
 
 /// Bricks with a voxel in front of a surface, and with one on it or behind it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,7 +22,7 @@ pub(super) fn octant_bricks(octant: u32) -> Bricks {
 }
 
 /// The 2x2x2 first bricks of a block.
-pub(super) const FIRST_OCTANT: Bricks = 0x0033_0033;
+pub(crate) const FIRST_OCTANT: Bricks = 0x0033_0033;
 
 impl Sides {
     #[inline(always)]

@@ -4,7 +4,7 @@ use super::TsdfVolume;
 use super::block::BlockStore;
 
 /// Distances are not followed further than this many blocks.
-const FARTHEST: u8 = 16;
+pub(crate) const FARTHEST: u8 = 16;
 
 /// For each block, how many blocks away (the largest of the three axes) the nearest one is that may
 /// hold surface; 0 is such a block itself. Rebuilt in well below a millisecond: a row of blocks along x
@@ -25,7 +25,7 @@ impl EmptySpace {
     }
 
     /// Distances in the order of the volume's table.
-    pub(super) fn distances(&self) -> &[u8] {
+    pub(crate) fn distances(&self) -> &[u8] {
         &self.distance
     }
 

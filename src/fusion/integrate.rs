@@ -15,11 +15,11 @@ use rayon::prelude::*;
 const LANES: usize = 16;
 /// Neighbouring depths that differ by more than this share of the depth lie on an edge: they are
 /// not interpolated. A plane seen at 80 degrees changes by 1 % from pixel to pixel.
-const EDGE: f32 = 0.02;
+pub(crate) const EDGE: f32 = 0.02;
 /// Voxels nearer to the camera's plane are not seen.
-const NEAREST_M: f32 = 1e-3;
+pub(crate) const NEAREST_M: f32 = 1e-3;
 /// Frames in the running average of colour: an 8-bit average of more frames would not move.
-const COLOR_WEIGHT: u8 = 8;
+pub(crate) const COLOR_WEIGHT: u8 = 8;
 /// Adding and taking this rounds to the nearest integer, ties to even: no drift in either
 /// direction, and it vectorises without SSE4.1.
 const ROUND: f32 = 12_582_912.0;
@@ -37,7 +37,7 @@ impl TsdfVolume {
         if size != view.size() {
             return Err(FusionError::Size { frame: frame.index, depth: size, view: view.size() });
         }
-        let from_voxel = ViewFromVoxel::new(self, view);
+        let from_voxel = ViewFromVoxel::new(&self.lattice, view);
         if !(from_voxel.origin + from_voxel.x + from_voxel.y).is_finite() {
             return Err(FusionError::Pose { frame: frame.index });
         }
@@ -96,8 +96,8 @@ impl<'a> Fuse<'a> {
             scale,
             centre,
             by_depth: if view.is_perspective() { 1.0 } else { 0.0 },
-            voxel_m: volume.voxel_m,
-            truncation_m: volume.truncation_m,
+            voxel_m: volume.lattice.voxel_m,
+            truncation_m: volume.lattice.truncation_m,
             max_weight,
             free_weight: f32::from(volume.params.free_weight).min(max_weight),
         }
@@ -265,6 +265,6 @@ fn average_color(
 }
 
 #[inline(always)]
-fn lowest(tsdf: &[i16; VOXELS]) -> i16 {
+pub(super) fn lowest(tsdf: &[i16; VOXELS]) -> i16 {
     tsdf.iter().fold(ONE, |low, &v| low.min(if v == UNSEEN { ONE } else { v }))
 }

@@ -4,33 +4,39 @@
 //! Distances are positive in free space, in units of the truncation distance. They are projective
 //! (measured along the view's z axis), as in Newcombe et al., "KinectFusion", 2011, Eq. 6-12.
 
-mod allocate;
+pub(crate) mod allocate;
 mod auxiliary;
-mod block;
-mod crossings;
-mod empty_space;
-mod integrate;
+pub(crate) mod block;
+pub(crate) mod crossings;
+pub(crate) mod empty_space;
+pub(crate) mod integrate;
+mod lattice;
 mod marching_cubes;
 mod mesh;
 mod occlusion;
-mod packet;
+pub(crate) mod packet;
 mod packet_normals;
 mod placement;
-mod raycast;
-mod rays;
+pub(crate) mod raycast;
+pub(crate) mod rays;
 mod sample;
+pub(crate) mod schedule;
+#[cfg(feature = "gpu")]
+pub(crate) mod stored;
 mod surface;
-mod tiles;
+pub(crate) mod tiles;
 mod volume;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use auxiliary::AuxiliaryRig;
 pub(crate) use empty_space::EmptySpace;
+pub use lattice::Lattice;
 pub(crate) use occlusion::Occlusion;
 pub use placement::place_centre;
-pub use surface::{Shown, SurfaceStage};
+pub use schedule::Shown;
+pub use surface::SurfaceStage;
 pub use volume::{FusionError, TsdfVolume};
 
 /// Reconstruct stage, map part.

@@ -25,21 +25,21 @@ pub(crate) struct Occlusion<'a> {
 impl<'a> Occlusion<'a> {
     /// `space` must have surveyed the volume as it is.
     pub fn new(volume: &'a TsdfVolume, space: &'a EmptySpace) -> Self {
-        let field = Field::new(&volume.store, volume.truncation_m / volume.voxel_m);
+        let field = Field::of(volume);
         assert_eq!(space.distances().len(), field.table.len(), "a survey of another volume");
         Self { field, distances: space.distances(), volume }
     }
 
     pub fn voxel_m(&self) -> f32 {
-        self.volume.voxel_m
+        self.volume.lattice.voxel_m
     }
 
     /// World points (metres, by axis) in the coordinates that [`Self::meets`] takes.
     #[inline(always)]
     pub fn voxels_from_world(&self, points: &[Lanes; 3]) -> [Lanes; 3] {
-        let corner = self.volume.min_corner;
+        let corner = self.volume.lattice.min_corner;
         std::array::from_fn(|axis| {
-            points[axis].map(|p| (p - corner[axis]) / self.volume.voxel_m - 0.5)
+            points[axis].map(|p| (p - corner[axis]) / self.volume.lattice.voxel_m - 0.5)
         })
     }
 
@@ -51,7 +51,7 @@ impl<'a> Occlusion<'a> {
     /// stop it as well, for what lies behind a surface is solid. Until it has been outside, a ray is
     /// taken to be leaving its own surface. What lies beyond the volume stops nothing.
     pub fn meets(&self, from: &[Lanes; 3], direction: Vec3, reach_m: f32, wanted: &Mask) -> Mask {
-        let per_m = (direction / self.volume.voxel_m).to_array().map(away_from_zero);
+        let per_m = (direction / self.volume.lattice.voxel_m).to_array().map(away_from_zero);
         any_hit(&self.field, self.distances, from, per_m, reach_m, wanted)
     }
 }

@@ -1,6 +1,7 @@
 //! Sixteen rays marched side by side. Lanes whose ray ended keep computing; what they compute is
 //! not taken.
 
+use super::TsdfVolume;
 use super::block::{Block, ONE, SIDE, UNSEEN};
 use super::crossings::{Bricks, FIRST_OCTANT};
 use super::packet_normals::normals;
@@ -13,19 +14,19 @@ pub(super) type Ints = [i32; LANES];
 pub(super) type Mask = [u32; LANES];
 
 /// Shortest step, voxels: half a voxel looks at every cell about twice.
-pub(super) const MIN_STEP: f32 = 0.5;
+pub(crate) const MIN_STEP: f32 = 0.5;
 /// Share of the distance to the surface that a step covers: projective distances are longer than
 /// true ones on slanted surfaces.
-pub(super) const STEP_SHARE: f32 = 0.8;
+pub(crate) const STEP_SHARE: f32 = 0.8;
 /// Voxels more, so that a near surface is passed and bracketed at once.
-pub(super) const STEP_BEYOND: f32 = 0.25;
+pub(crate) const STEP_BEYOND: f32 = 0.25;
 /// Longest step, voxels: nothing thinner is passed over.
-pub(super) const MAX_STEP: f32 = 2.0;
+pub(crate) const MAX_STEP: f32 = 2.0;
 /// A crossing is refined until its distance is below this, voxels, or for `REFINEMENTS` steps.
-const CLOSE: f32 = 0.01;
-const REFINEMENTS: usize = 4;
+pub(crate) const CLOSE: f32 = 0.01;
+pub(crate) const REFINEMENTS: usize = 4;
 /// Step past the border of an empty cube, voxels.
-pub(super) const NUDGE: f32 = 0.01;
+pub(crate) const NUDGE: f32 = 0.01;
 
 /// The voxels as the packet reads them.
 #[derive(Clone, Copy)]
@@ -384,7 +385,8 @@ fn refine(field: &Field<'_>, packet: &Packet, brackets: Brackets) -> Lanes {
 }
 
 impl<'a> Field<'a> {
-    pub fn new(store: &'a super::block::BlockStore, truncation_voxels: f32) -> Self {
+    pub fn of(volume: &'a TsdfVolume) -> Self {
+        let store = &volume.store;
         Self {
             table: &store.table,
             crossings: &store.crossings,
@@ -392,7 +394,7 @@ impl<'a> Field<'a> {
             sampler: Sampler::new(store),
             grid: store.grid as i32,
             last: (store.grid * SIDE - 1) as f32,
-            scale: truncation_voxels / f32::from(ONE),
+            scale: volume.lattice.truncation_voxels() / f32::from(ONE),
         }
     }
 }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::sync::PoisonError;
 
 /// Surfaces nearer than this are not seen; depth 0 means missing.
-const NEAREST_M: f32 = 1e-3;
+pub(crate) const NEAREST_M: f32 = 1e-3;
 
 impl TsdfVolume {
     /// Casts a ray through every pixel centre. A surface is where distances along the ray turn
@@ -76,9 +76,12 @@ impl TileRow<'_> {
     }
 }
 
+/// Components of a direction, voxels per metre, are not smaller.
+pub(crate) const LEAST_COMPONENT: f32 = 1e-9;
+
 /// A ray along an axis never crosses the planes of the others: far away, not 0/0.
 pub(super) fn away_from_zero(component: f32) -> f32 {
-    if component.abs() < 1e-9 { 1e-9 } else { component }
+    if component.abs() < LEAST_COMPONENT { LEAST_COMPONENT } else { component }
 }
 
 /// Rows of a tile that one packet covers.
@@ -91,8 +94,7 @@ struct Caster<'a> {
 
 impl<'a> Caster<'a> {
     fn new(volume: &'a TsdfVolume, view: &View) -> Self {
-        let truncation_voxels = volume.truncation_m / volume.voxel_m;
-        Self { field: Field::new(&volume.store, truncation_voxels), rays: Rays::new(volume, view) }
+        Self { field: Field::of(volume), rays: Rays::new(&volume.lattice, view) }
     }
 
     fn cast_tile_row(&self, tiles: &TileMap, tile_y: usize, mut rows: TileRow<'_>) {

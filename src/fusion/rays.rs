@@ -1,29 +1,29 @@
 //! Rays of a view in a volume's voxel coordinates.
 
-use super::TsdfVolume;
+use super::Lattice;
 use crate::math::View;
 use glam::{Vec2, Vec3};
 
 /// Ray of a pixel: `origin + direction * depth_m`, for both projections.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rays {
-    eye: Vec3,
+pub(crate) struct Rays {
+    pub eye: Vec3,
     /// Voxels along the view's axes per metre.
-    x: Vec3,
-    y: Vec3,
-    z: Vec3,
-    centre: Vec2,
-    per_pixel: Vec2,
-    perspective: bool,
+    pub x: Vec3,
+    pub y: Vec3,
+    pub z: Vec3,
+    pub centre: Vec2,
+    pub per_pixel: Vec2,
+    pub perspective: bool,
 }
 
 impl Rays {
-    pub fn new(volume: &TsdfVolume, view: &View) -> Self {
+    pub fn new(lattice: &Lattice, view: &View) -> Self {
         let world_from_view = view.world_from_view_f32();
-        let axes = world_from_view.matrix3 * (1.0 / volume.voxel_m);
+        let axes = world_from_view.matrix3 * (1.0 / lattice.voxel_m);
         let (scale, centre) = view.scale_and_centre();
         Self {
-            eye: volume.voxel_from_world(world_from_view.translation.into()),
+            eye: lattice.voxel_from_world(world_from_view.translation.into()),
             x: axes.x_axis.into(),
             y: axes.y_axis.into(),
             z: axes.z_axis.into(),
@@ -44,7 +44,7 @@ impl Rays {
 
 /// Linear map from voxel coordinates to a view's axes, metres.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ViewFromVoxel {
+pub(crate) struct ViewFromVoxel {
     pub origin: Vec3,
     pub x: Vec3,
     pub y: Vec3,
@@ -52,11 +52,11 @@ pub(super) struct ViewFromVoxel {
 }
 
 impl ViewFromVoxel {
-    pub fn new(volume: &TsdfVolume, view: &View) -> Self {
+    pub fn new(lattice: &Lattice, view: &View) -> Self {
         let view_from_world = view.view_from_world_f32();
-        let axes = view_from_world.matrix3 * volume.voxel_m;
+        let axes = view_from_world.matrix3 * lattice.voxel_m;
         Self {
-            origin: view_from_world.transform_point3(volume.world_from_voxel(Vec3::ZERO)),
+            origin: view_from_world.transform_point3(lattice.world_from_voxel(Vec3::ZERO)),
             x: axes.x_axis.into(),
             y: axes.y_axis.into(),
             z: axes.z_axis.into(),

@@ -12,14 +12,14 @@ use crate::math::View;
 use glam::{Vec2, Vec3};
 
 /// Pixels a side of a tile.
-pub(super) const TILE: usize = 8;
+pub(crate) const TILE: usize = 8;
 /// Boxes nearer than this cannot be projected: they may cover the whole picture.
-const NEAREST_M: f32 = 1e-3;
+pub(crate) const NEAREST_M: f32 = 1e-3;
 
 /// Voxels a side of an octant of a block.
-const OCTANT: f32 = (SIDE / 2) as f32;
+pub(crate) const OCTANT: f32 = (SIDE / 2) as f32;
 /// An octant's voxels reach half a voxel beyond their centres; the rest is against rounding.
-const MARGIN: f32 = 0.6;
+pub(crate) const MARGIN: f32 = 0.6;
 
 /// Depth range of each tile; `near > far` where no surface can be.
 #[derive(Debug, Default)]
@@ -44,7 +44,7 @@ impl TileMap {
     /// Draws every octant of a block that may hold surface.
     pub fn draw(&mut self, volume: &TsdfVolume, view: &View) {
         self.clear(view.size());
-        let from_voxel = ViewFromVoxel::new(volume, view);
+        let from_voxel = ViewFromVoxel::new(&volume.lattice, view);
         for (index, &bricks) in volume.store.crossings.iter().enumerate() {
             if bricks == 0 {
                 continue;
@@ -52,7 +52,7 @@ impl TileMap {
             let low = volume.store.coords(index).map(|v| f32::from(v) * SIDE as f32);
             for octant in (0..8).filter(|&octant| bricks & octant_bricks(octant) != 0) {
                 let low = Vec3::from(low) + corner(octant) * OCTANT;
-                self.draw_box(view, &from_voxel, low - MARGIN, volume.voxel_m);
+                self.draw_box(view, &from_voxel, low - MARGIN, volume.lattice.voxel_m);
             }
         }
     }

@@ -65,9 +65,7 @@ impl Window {
     /// on its pixel: 2 is 3x3, as is 3. It is sampled at `taps` x `taps` pixels at most, spread
     /// evenly with the window's rim included: 5 taps of a window of 20 stand at -10, -5, 0, 5, 10.
     pub fn new(window: usize, taps: usize) -> Self {
-        let offsets = offsets(window, taps);
-        let taps: Vec<_> =
-            offsets.iter().flat_map(|&dy| offsets.iter().map(move |&dx| (dx, dy))).collect();
+        let taps: Vec<_> = taps_of(window, taps).collect();
         let exchanges = lower_half_network(taps.len());
         Self { taps, exchanges }
     }
@@ -174,6 +172,18 @@ impl Window {
 pub(super) struct Guide<'a> {
     pub image: &'a Image<f32>,
     pub threshold: f32,
+}
+
+/// The same pixels (x, y) for another device.
+#[cfg(feature = "gpu")]
+pub(crate) fn window_taps(window: usize, taps: usize) -> Vec<[i32; 2]> {
+    taps_of(window, taps).map(|(dx, dy)| [dx as i32, dy as i32]).collect()
+}
+
+fn taps_of(window: usize, taps: usize) -> impl Iterator<Item = (isize, isize)> {
+    let offsets = offsets(window, taps);
+    let across = offsets.clone();
+    offsets.into_iter().flat_map(move |dy| across.clone().into_iter().map(move |dx| (dx, dy)))
 }
 
 fn offsets(window: usize, taps: usize) -> Vec<isize> {

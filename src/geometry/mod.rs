@@ -5,6 +5,10 @@ mod median;
 mod normals;
 
 pub use dyngeo::DynGeo;
+#[cfg(feature = "gpu")]
+pub(crate) use median::window_taps;
+#[cfg(feature = "gpu")]
+pub(crate) use normals::{MAX_SLOPE as NORMAL_MAX_SLOPE, REACH as NORMAL_REACH};
 
 use crate::image::{Image, NormalImage, Size};
 use crate::math::View;

@@ -10,11 +10,11 @@ use rayon::prelude::*;
 /// Neighbours this many pixels away span a normal, where surface continues that far. On depth with
 /// the noise and steps of a Kinect, after all filters, the median error of normals is 13 degrees with
 /// direct neighbours, 5 with these, and no less further away.
-const REACH: isize = 3;
+pub(crate) const REACH: isize = 3;
 
 /// A neighbour is on the same surface where depth changes by no more than this many times the
 /// sideways step between the two pixels: surfaces tilted by up to atan(10) = 84 degrees.
-const MAX_SLOPE: f32 = 10.0;
+pub(crate) const MAX_SLOPE: f32 = 10.0;
 
 /// Sets normals and origin of `out` from its depth: the model's normal where its depth is within
 /// `same_surface_m`, else that of the depth map itself.

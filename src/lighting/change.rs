@@ -19,7 +19,7 @@ const LEAST_MATCHES: usize = 64;
 const UNTOUCHED: f32 = 0.75;
 
 /// A surface is the same where its depth is that of the picture before, relative.
-const SAME_DEPTH: f32 = 0.02;
+pub const SAME_DEPTH: f32 = 0.02;
 
 /// Darker than this (linear) a pixel is noise.
 const BLACK: f32 = 1e-3;
@@ -59,16 +59,27 @@ impl LastPicture {
                 let point = Vec3::from([0, 1, 2].map(|axis| packet.position[axis][i]));
                 let then = self.brightness(&view, view_from_world.transform_point3(point));
                 let now = packet.seen[i];
-                if let Some(then) = then.filter(|&then| then > BLACK && now > BLACK) {
-                    self.logs.push((now / then).ln().abs());
-                }
+                self.logs.extend(then.and_then(|then| change_of(now, then)));
             }
         }
-        if self.logs.len() < LEAST_MATCHES {
-            return None;
-        }
-        let k = (UNTOUCHED * (self.logs.len() - 1) as f32) as usize;
-        Some(*self.logs.select_nth_unstable_by(k, f32::total_cmp).1)
+        upper_quartile(&mut self.logs)
+    }
+
+    /// A picture that is kept elsewhere.
+    #[cfg(feature = "gpu")]
+    pub fn keep_elsewhere(&mut self, view: View) {
+        self.view = Some(view);
+    }
+
+    /// As [`Self::change`], for the luminance `then` of each sample in a picture that is kept elsewhere, 0 where
+    /// that does not show it.
+    #[cfg(feature = "gpu")]
+    pub fn change_since(&mut self, batch: &Batch, then: impl Iterator<Item = f32>) -> Option<f32> {
+        self.view?;
+        let now = batch.packets.iter().flat_map(|packet| packet.seen);
+        self.logs.clear();
+        self.logs.extend(now.zip(then).filter_map(|(now, then)| change_of(now, then)));
+        upper_quartile(&mut self.logs)
     }
 
     fn brightness(&self, view: &View, point: Vec3) -> Option<f32> {
@@ -82,4 +93,17 @@ impl LastPicture {
         let same = (self.depth_m[at] - point.z).abs() <= SAME_DEPTH * point.z;
         same.then(|| self.luminance[at])
     }
+}
+
+/// |ln(now / then)|, unless one is black.
+fn change_of(now: f32, then: f32) -> Option<f32> {
+    (then > BLACK && now > BLACK).then(|| (now / then).ln().abs())
+}
+
+fn upper_quartile(changes: &mut [f32]) -> Option<f32> {
+    if changes.len() < LEAST_MATCHES {
+        return None;
+    }
+    let k = (UNTOUCHED * (changes.len() - 1) as f32) as usize;
+    Some(*changes.select_nth_unstable_by(k, f32::total_cmp).1)
 }

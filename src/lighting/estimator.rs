@@ -4,6 +4,8 @@ use super::bank::{Bank, Batch};
 use super::change::LastPicture;
 use super::field::LightField;
 use super::fit::{Fit, Residual};
+#[cfg(feature = "gpu")]
+use super::picked::PickedSamples;
 use super::samples::{Counts, Samples, Seen};
 use super::solve::{Solution, Spectrum, spectrum};
 use super::{LightParams, ShLight};
@@ -161,6 +163,34 @@ impl LightEstimator {
         estimate
     }
 
+    /// As [`Self::estimate`], for samples that were picked elsewhere. Whoever picks them keeps the picture of each
+    /// frame whose estimate is valid; the brightness of samples `then` is that in the last one. An estimator takes
+    /// either kind of frames.
+    #[cfg(feature = "gpu")]
+    pub fn estimate_picked(&mut self, picked: &PickedSamples, at: Option<Vec3>) -> LightEstimate {
+        let estimate = match self.renew_from_picked(picked, at) {
+            Ok(estimate) => estimate,
+            Err(rejection) => self.keep(rejection, &picked.view, picked.bands),
+        };
+        self.last = Some(estimate.clone());
+        estimate
+    }
+
+    #[cfg(feature = "gpu")]
+    fn renew_from_picked(
+        &mut self,
+        picked: &PickedSamples,
+        at: Option<Vec3>,
+    ) -> Result<LightEstimate, Rejection> {
+        let mut present = self.begin(&picked.counts, picked.bands)?;
+        picked.fill(self.params.hidden_radiance, &mut present);
+        let then = picked.points.iter().map(|point| point.then);
+        let change = self.before.change_since(&present, then);
+        let estimate = self.explain(present, change, &picked.counts, picked.bands, at)?;
+        self.before.keep_elsewhere(picked.view);
+        Ok(estimate)
+    }
+
     /// For frames whose surface is unknown, as where the camera is lost.
     pub fn without_surface(&mut self, view: &View, bands: usize) -> LightEstimate {
         let estimate = self.keep(Rejection::NoSurface, view, bands);
@@ -170,15 +200,36 @@ impl LightEstimator {
 
     fn renew(&mut self, seen: &Seen, at: Option<Vec3>) -> Result<LightEstimate, Rejection> {
         let counts = self.samples.find(seen, &self.params);
-        let n = sh::coefficients(seen.transfer.bands);
-        enough_samples(&counts, n)?;
+        let mut present = self.begin(&counts, seen.transfer.bands)?;
+        self.samples.pick(seen, self.params.hidden_radiance, &mut present);
+        let change = self.before.change(&present);
+        let estimate = self.explain(present, change, &counts, seen.transfer.bands, at)?;
+        self.before.keep(seen);
+        Ok(estimate)
+    }
+
+    /// An empty batch, with what is past forgotten where it is of another kind.
+    fn begin(&mut self, counts: &Counts, bands: usize) -> Result<Batch, Rejection> {
+        let n = sh::coefficients(bands);
+        enough_samples(counts, n)?;
         if self.last.is_none() || self.bank.coefficients() != n {
             self.forget();
             self.suspect = false;
         }
-        let mut present = self.bank.blank();
-        self.samples.pick(seen, self.params.hidden_radiance, &mut present);
-        let changed = self.detect_change(&present)?;
+        Ok(self.bank.blank())
+    }
+
+    /// The light that explains the samples of this frame and of those before.
+    fn explain(
+        &mut self,
+        present: Batch,
+        change: Option<f32>,
+        counts: &Counts,
+        bands: usize,
+        at: Option<Vec3>,
+    ) -> Result<LightEstimate, Rejection> {
+        let n = sh::coefficients(bands);
+        let changed = self.detect_change(change)?;
         if changed {
             self.forget();
         }
@@ -189,14 +240,13 @@ impl LightEstimator {
         let solution = self.fit.explain(&mut self.bank, &self.params);
         let newest = self.bank.newest().expect("pushed above");
         let residual = self.fit.residual(newest, n);
-        let field = self.fit.light_field(&solution, seen.transfer.bands);
+        let field = self.fit.light_field(&solution, bands);
         let light = field.at(at);
         let finite = light.coefficients.iter().flatten().all(|c| c.is_finite());
         if !(finite && residual.squares.is_finite()) {
             self.forget();
             return Err(Rejection::NotFinite);
         }
-        self.before.keep(seen);
         let Spectrum { rank, condition } = spectrum(self.fit.equations());
         Ok(LightEstimate {
             deviation: deviation(&solution, &light, &residual, rank),
@@ -216,8 +266,8 @@ impl LightEstimator {
     ///
     /// The first frame whose surfaces are brighter or darker is refused: it may be a flash, or a hand before
     /// the lens. A second one that differs as much from the same picture decides.
-    fn detect_change(&mut self, present: &Batch) -> Result<bool, Rejection> {
-        let Some(change) = self.before.change(present) else {
+    fn detect_change(&mut self, change: Option<f32>) -> Result<bool, Rejection> {
+        let Some(change) = change else {
             self.suspect = false;
             return Ok(false);
         };

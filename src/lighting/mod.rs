@@ -14,15 +14,27 @@ mod field;
 mod fit;
 mod lamp;
 mod normal_equations;
+#[cfg(feature = "gpu")]
+mod picked;
 mod samples;
 mod solve;
 
 #[cfg(test)]
 mod tests;
 
+#[cfg(feature = "gpu")]
+pub use bank::SAMPLES_PER_FRAME;
+#[cfg(feature = "gpu")]
+pub(crate) use change::SAME_DEPTH;
 pub use estimator::{LightEstimate, LightEstimator, Rejection};
 pub use field::LightField;
 pub use lamp::Lamp;
+#[cfg(feature = "gpu")]
+pub use picked::{PickedPoint, PickedSamples};
+#[cfg(feature = "gpu")]
+pub use samples::Counts;
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use {bank::Batch, samples::Samples, samples::Seen};
 
 use crate::math::sh;
 use glam::Vec3;

@@ -82,6 +82,16 @@ static NORMALISATION: LazyLock<[[f32; MAX_BANDS]; MAX_BANDS]> = LazyLock::new(||
     })
 });
 
+/// Factors of the basis times those of [`CLAMPED_COSINE`] over pi, by `MAX_BANDS * l + m`; those of m > 0
+/// hold the square root of 2.
+#[cfg(feature = "gpu")]
+pub(crate) fn lobe_factors() -> [f32; MAX_COEFFICIENTS] {
+    std::array::from_fn(|i| {
+        let l = i / MAX_BANDS;
+        NORMALISATION[l][i % MAX_BANDS] * (CLAMPED_COSINE[l] / PI) as f32
+    })
+}
+
 /// The basis in L unit directions at once, for SIMD kernels: `out[coefficient][lane]`.
 #[inline(always)]
 pub fn basis_lanes<const L: usize>(

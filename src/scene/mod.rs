@@ -9,7 +9,7 @@ mod file;
 mod gltf;
 mod model;
 mod objects;
-mod raster;
+pub(crate) mod raster;
 mod rays;
 mod texture;
 
@@ -20,4 +20,6 @@ pub use model::{BoundingSphere, Material, Model, Part, PartData, Vertex};
 pub use objects::{Placement, Similarity, VirtualObject, VirtualScene};
 pub use raster::{DrawReport, Rasteriser};
 pub use rays::SceneRays;
+#[cfg(feature = "gpu")]
+pub(crate) use texture::MAX_TAPS as TEXTURE_TAPS;
 pub use texture::{Texture, Wrap};

@@ -4,7 +4,7 @@ use crate::math::color::{LINEAR_FROM_SRGB8, srgb8_from_linear};
 use glam::{Vec2, Vec4};
 
 /// Along the longer axis of a pixel's footprint; more slanted views blur across the shorter one.
-const MAX_TAPS: usize = 8;
+pub const MAX_TAPS: usize = 8;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
@@ -40,6 +40,18 @@ impl Texture {
             levels.push(next);
         }
         Some(Self { levels, wrap })
+    }
+
+    /// Width, height and texels (8-bit sRGB and linear alpha) of each level, the finest first.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn levels(&self) -> impl Iterator<Item = (usize, usize, &[[u8; 4]])> + Clone {
+        self.levels.iter().map(|level| (level.width, level.height, &level.texels[..]))
+    }
+
+    /// Along u and v.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn wrap(&self) -> [Wrap; 2] {
+        self.wrap
     }
 
     /// Linear RGB and alpha around `uv`, the mean over what a pixel shows. `du` and `dv` are the steps

@@ -5,12 +5,12 @@ use super::{LANES, TrackingParams};
 use rayon::prelude::*;
 
 #[derive(Clone, Debug)]
-pub(super) struct Bilateral {
-    radius: usize,
+pub(crate) struct Bilateral {
+    pub radius: usize,
     /// Spatial weights, `2 radius + 1` squared, row-major.
-    spatial: Vec<f32>,
+    pub spatial: Vec<f32>,
     /// `1 / (2 sigma_m^2 * 8)`, see [`filter_row_body`].
-    range_scale: f32,
+    pub range_scale: f32,
 }
 
 impl Bilateral {
@@ -32,7 +32,7 @@ impl Bilateral {
     }
 
     /// Writes the filtered `depth` to `out` of the same size.
-    pub fn apply(&self, depth: &PaddedDepth, out: &mut PaddedDepth) {
+    pub(super) fn apply(&self, depth: &PaddedDepth, out: &mut PaddedDepth) {
         out.par_rows_mut().for_each(|(y, row)| filter_row(row, y, depth, self));
     }
 }

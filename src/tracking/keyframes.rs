@@ -4,8 +4,8 @@ use crate::capture::RgbdFrame;
 use crate::image::Image;
 use crate::math::Pose;
 
-const COLUMNS: usize = 40;
-const ROWS: usize = 30;
+pub(crate) const COLUMNS: usize = 40;
+pub(crate) const ROWS: usize = 30;
 const CELLS: usize = COLUMNS * ROWS;
 
 /// A new keyframe is kept where the camera is this far from all others.
@@ -18,15 +18,18 @@ const CAPACITY: usize = 256;
 /// Depth differences count up to this; more is simply another place.
 const DEPTH_CAP_M: f32 = 0.5;
 
+/// A cell has depth where more than this share of its pixels has.
+pub(crate) const MIN_CELL_DEPTH: f32 = 0.5;
+
 /// Two views that share less of their depth than this are not compared by depth.
 const MIN_SHARED_DEPTH: f32 = 0.25;
 
 /// Intensity, blurred and normalised to mean 0 and variance 1 (so exposure does not matter), and depth in
 /// metres, missing = 0.0.
 #[derive(Clone, Debug)]
-pub(super) struct Thumbnail {
-    intensity: Vec<f32>,
-    depth_m: Vec<f32>,
+pub(crate) struct Thumbnail {
+    pub intensity: Vec<f32>,
+    pub depth_m: Vec<f32>,
 }
 
 #[derive(Clone, Debug)]
@@ -43,8 +46,13 @@ pub(super) struct Keyframes {
 impl Thumbnail {
     pub fn new(frame: &RgbdFrame) -> Self {
         let intensity = cells(&frame.intensity, |v| v.is_finite(), 0.0);
-        let depth_m = cells(&frame.depth_m, |d| d.is_finite() && d > 0.0, 0.5);
-        Self { intensity: normalised(blurred(&intensity)), depth_m }
+        let depth_m = cells(&frame.depth_m, |d| d.is_finite() && d > 0.0, MIN_CELL_DEPTH);
+        Self::from_cells(&intensity, depth_m)
+    }
+
+    /// From means of intensity and depth over [`COLUMNS`] x [`ROWS`] cells of the frame.
+    pub fn from_cells(intensity: &[f32], depth_m: Vec<f32>) -> Self {
+        Self { intensity: normalised(blurred(intensity)), depth_m }
     }
 
     /// 0 for the same picture; up to 2 (one from intensity, one from depth).
@@ -70,16 +78,16 @@ impl Keyframes {
         self.frames.clear();
     }
 
-    /// Keeps this frame where no other was taken from near by.
-    pub fn consider(&mut self, frame: &RgbdFrame, world_from_camera: &Pose) {
-        if self.frames.iter().any(|k| separation(&k.world_from_camera, world_from_camera) < 1.0) {
-            return;
-        }
+    /// Whether one was taken from near this pose.
+    pub fn has_near(&self, world_from_camera: &Pose) -> bool {
+        self.frames.iter().any(|k| separation(&k.world_from_camera, world_from_camera) < 1.0)
+    }
+
+    pub fn keep(&mut self, thumbnail: Thumbnail, world_from_camera: Pose) {
         if self.frames.len() >= CAPACITY {
             self.drop_most_redundant();
         }
-        let thumbnail = Thumbnail::new(frame);
-        self.frames.push(Keyframe { thumbnail, world_from_camera: *world_from_camera });
+        self.frames.push(Keyframe { thumbnail, world_from_camera });
     }
 
     /// Poses of the `count` most similar keyframes, the best first.
@@ -203,7 +211,7 @@ mod tests {
     fn finds_the_place_in_spite_of_another_exposure() {
         let mut keyframes = Keyframes::default();
         for i in 0..6 {
-            keyframes.consider(&frame(i as f32, 1.0), &at(f64::from(i)));
+            keyframes.keep(Thumbnail::new(&frame(i as f32, 1.0)), at(f64::from(i)));
         }
         for i in 0..6 {
             let thumbnail = Thumbnail::new(&frame(i as f32 + 0.1, 0.6));
@@ -214,17 +222,17 @@ mod tests {
     }
 
     #[test]
-    fn near_poses_are_not_kept_twice_and_the_number_is_bounded() {
+    fn near_poses_are_known_and_the_number_is_bounded() {
         let mut keyframes = Keyframes::default();
-        let one = frame(0.0, 1.0);
-        keyframes.consider(&one, &at(0.0));
-        keyframes.consider(&one, &at(0.14));
-        assert_eq!(keyframes.frames.len(), 1);
-        let turned = Pose::new(Vector3::zeros(), Vector3::new(0.0, 11f64.to_radians(), 0.0));
-        keyframes.consider(&one, &turned);
-        assert_eq!(keyframes.frames.len(), 2);
+        let one = Thumbnail::new(&frame(0.0, 1.0));
+        keyframes.keep(one.clone(), at(0.0));
+        assert!(keyframes.has_near(&at(0.14)) && !keyframes.has_near(&at(0.16)));
+        let turned = |degrees: f64| {
+            Pose::new(Vector3::zeros(), Vector3::new(0.0, degrees.to_radians(), 0.0))
+        };
+        assert!(keyframes.has_near(&turned(9.0)) && !keyframes.has_near(&turned(11.0)));
         for i in 1..CAPACITY + 20 {
-            keyframes.consider(&one, &at(0.2 * i as f64));
+            keyframes.keep(one.clone(), at(0.2 * i as f64));
         }
         assert_eq!(keyframes.frames.len(), CAPACITY);
     }

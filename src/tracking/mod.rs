@@ -6,6 +6,9 @@
 //!                                                       (association, 6x6 sums, solve)
 //! ```
 //!
+//! The states know nothing of where pictures lie: what they need of a device is the trait `PicturePair`.
+//! [`Tracker`] is that of the host's memory.
+//!
 //! Choices that the paper leaves open:
 //! - Partners are looked up in the full-size model picture at every level; the frame alone has a pyramid.
 //!   Alignment is computed in the axes of the model's view, so the distance from the world's origin costs
@@ -22,19 +25,38 @@
 //!   once ten frames are averaged (at 2.5 m 5000 after thirty): hence `min_eigenvalue_ratio`.
 
 mod bilateral;
+mod follower;
+mod host;
 mod judgement;
 mod keyframes;
 mod normal_equations;
 mod padded;
+mod picture_pair;
 mod pyramid;
 mod registration;
 mod solve;
-mod tracker;
 
 #[cfg(test)]
 mod tests;
 
-pub use tracker::Tracker;
+#[cfg(feature = "gpu")]
+pub(crate) use bilateral::Bilateral;
+#[cfg(feature = "gpu")]
+pub(crate) use follower::Follower;
+pub use host::Tracker;
+#[cfg(feature = "gpu")]
+pub(crate) use keyframes::{COLUMNS, MIN_CELL_DEPTH, ROWS, Thumbnail};
+#[cfg(feature = "gpu")]
+pub(crate) use normal_equations::{DEPTH_NOISE, Gates, Sums, TERMS, rows_of_inverse};
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use normal_equations::{ModelView, Reduction};
+pub use picture_pair::FrameTag;
+#[cfg(feature = "gpu")]
+pub(crate) use picture_pair::{ModelPicture, PicturePair};
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use pyramid::Pyramid;
+#[cfg(feature = "gpu")]
+pub(crate) use pyramid::{DEPTH_RANGE_M, edge_m, level_cameras};
 
 use crate::math::Pose;
 

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 const ROWS_PER_TASK: usize = 8;
 
 /// Upper triangle of A, then b, then the scalars below.
-const TERMS: usize = 21 + 6 + 5;
+pub(crate) const TERMS: usize = 21 + 6 + 5;
 const RESIDUAL_SQ: usize = 27;
 const DEPTH: usize = 28;
 const PARTNERS: usize = 29;
@@ -23,10 +23,16 @@ const VALID: usize = 31;
 
 /// Totals over a frame. Rotation comes first, then translation.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sums([f64; TERMS]);
+pub(crate) struct Sums([f64; TERMS]);
 
 impl Sums {
     const ZERO: Self = Self([0.0; TERMS]);
+
+    /// From totals in the order of the terms.
+    #[cfg(feature = "gpu")]
+    pub fn from_terms(terms: [f32; TERMS]) -> Self {
+        Self(terms.map(f64::from))
+    }
 
     pub fn a(&self) -> Matrix6<f64> {
         let mut a = Matrix6::zeros();
@@ -71,7 +77,7 @@ impl Sums {
 
 /// Which pairs are partners, and what they weigh.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Gates {
+pub(crate) struct Gates {
     pub max_distance_m: f32,
     pub min_cosine: f32,
     /// Residuals beyond this many standard deviations of the depth noise weigh less (Huber).
@@ -94,7 +100,7 @@ const HUBER_SIGMAS: f32 = 1.345;
 
 /// The model's picture as the kernel reads it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ModelView<'a> {
+pub(crate) struct ModelView<'a> {
     camera: Pinhole,
     depth_m: &'a [f32],
     normals_in_world: [&'a [f32]; 3],
@@ -108,20 +114,24 @@ impl<'a> ModelView<'a> {
         assert!(camera.size().pixels() > 0, "model picture without pixels");
         assert_eq!(camera.size(), model.size(), "model picture");
         assert_eq!(camera.size(), normals.size(), "model normals");
-        let rotation = model.view.world_from_view.rotation.inverse().to_rotation_matrix();
-        let rotation = rotation.matrix();
         Self {
             camera,
             depth_m: model.depth_m.as_slice(),
             normals_in_world: [&normals.x, &normals.y, &normals.z].map(|plane| plane.as_slice()),
-            view_from_world: [0, 1, 2].map(|r| [0, 1, 2].map(|c| rotation[(r, c)] as f32)),
+            view_from_world: rows_of_inverse(&model.view.world_from_view),
         }
     }
 }
 
+/// Rows of the rotation that the inverse of a pose has.
+pub(crate) fn rows_of_inverse(pose: &Pose) -> [[f32; 3]; 3] {
+    let rotation = pose.rotation.inverse().to_rotation_matrix();
+    [0, 1, 2].map(|r| [0, 1, 2].map(|c| rotation.matrix()[(r, c)] as f32))
+}
+
 /// Scratch of the reduction.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Reduction {
+pub(crate) struct Reduction {
     tasks: Vec<Sums>,
 }
 
@@ -156,11 +166,20 @@ impl Reduction {
     }
 }
 
-/// Axial noise of a Kinect at this depth (Nguyen, Izadi, Lovell, 2012).
+/// Axial noise of a Kinect (Nguyen, Izadi, Lovell, 2012): `floor_m` at `nearest_m`, and a parabola beyond.
+pub(crate) struct DepthNoise {
+    pub floor_m: f32,
+    pub growth: f32,
+    pub nearest_m: f32,
+}
+
+pub(crate) const DEPTH_NOISE: DepthNoise =
+    DepthNoise { floor_m: 0.0012, growth: 0.0019, nearest_m: 0.4 };
+
 #[inline(always)]
 fn depth_sigma_m(depth_m: f32) -> f32 {
-    let beyond = depth_m - 0.4;
-    0.0012 + 0.0019 * beyond * beyond
+    let beyond = depth_m - DEPTH_NOISE.nearest_m;
+    DEPTH_NOISE.floor_m + DEPTH_NOISE.growth * beyond * beyond
 }
 
 #[multiversion::multiversion(targets(
@@ -327,7 +346,7 @@ impl Pairs {
         for i in 0..LANES {
             let sigma = depth_sigma_m(self.depth[i]);
             let huber = (gates.huber_sigmas * sigma / self.residual[i].abs()).min(1.0);
-            let relative = depth_sigma_m(0.4) / sigma;
+            let relative = depth_sigma_m(DEPTH_NOISE.nearest_m) / sigma;
             weight[i] = huber * relative * relative;
             jacobian[0][i] = p[1][i] * n[2][i] - p[2][i] * n[1][i];
             jacobian[1][i] = p[2][i] * n[0][i] - p[0][i] * n[2][i];

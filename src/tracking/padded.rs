@@ -7,7 +7,7 @@ use rayon::prelude::*;
 /// Depth in metres, missing = 0.0. Around the image lie `margin` pixels of missing depth; each row
 /// is filled up to a multiple of [`LANES`] with missing depth.
 #[derive(Clone, Debug)]
-pub(super) struct PaddedDepth {
+pub(crate) struct PaddedDepth {
     size: Size,
     margin: usize,
     stride: usize,

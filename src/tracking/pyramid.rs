@@ -8,22 +8,21 @@ use crate::math::Pinhole;
 use rayon::prelude::*;
 
 /// Depth outside of this is missing: it would leave the range in which f32 squares are harmless.
-const DEPTH_RANGE_M: std::ops::Range<f32> = 1e-3..1e3;
+pub(crate) const DEPTH_RANGE_M: std::ops::Range<f32> = 1e-3..1e3;
 
 /// One resolution. Normals are unit vectors in camera axes that face the camera, zero where missing;
 /// three planes with rows in whole lanes.
 #[derive(Clone, Debug)]
-pub(super) struct Level {
+pub(crate) struct Level {
     pub camera: Pinhole,
     pub depth_m: PaddedDepth,
     pub normals: [Vec<f32>; 3],
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct Pyramid {
+pub(crate) struct Pyramid {
     raw_m: PaddedDepth,
     filter: Bilateral,
-    /// Depth steps beyond this are edges: no average and no normal reaches across.
     edge_m: f32,
     /// Finest first.
     pub levels: Vec<Level>,
@@ -55,19 +54,30 @@ impl Level {
     }
 }
 
+/// Cameras of the levels, finest first: one for each entry of `params.iterations`, as far as an image is
+/// left after halving.
+pub(crate) fn level_cameras(
+    params: &TrackingParams,
+    camera: Pinhole,
+) -> impl Iterator<Item = Pinhole> {
+    (0..params.iterations.len().max(1) as u32)
+        .map(move |level| camera.halved(level))
+        .take_while(|camera| camera.width > 0 && camera.height > 0)
+}
+
+/// Depth steps beyond this are edges: no average and no normal reaches across.
+pub(crate) fn edge_m(params: &TrackingParams) -> f32 {
+    3.0 * params.filter_sigma_m
+}
+
 impl Pyramid {
-    /// One level for each entry of `params.iterations`, as far as an image is left after halving.
     pub fn new(params: &TrackingParams, camera: Pinhole) -> Self {
         let filter = Bilateral::new(params);
-        let levels = (0..params.iterations.len().max(1) as u32)
-            .map(|level| camera.halved(level))
-            .take_while(|camera| camera.width > 0 && camera.height > 0)
-            .map(Level::new)
-            .collect();
+        let levels = level_cameras(params, camera).map(Level::new).collect();
         Self {
             raw_m: PaddedDepth::new(camera.size(), filter.margin()),
             filter,
-            edge_m: 3.0 * params.filter_sigma_m,
+            edge_m: edge_m(params),
             levels,
         }
     }

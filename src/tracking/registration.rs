@@ -1,11 +1,10 @@
 //! Coarse-to-fine alignment of a frame with a picture of the model.
 
 use super::TrackingParams;
-use super::normal_equations::{Gates, ModelView, Reduction, Sums};
-use super::pyramid::Pyramid;
+use super::normal_equations::{Gates, Sums};
+use super::picture_pair::PicturePair;
 use super::solve::{Solution, solve};
-use crate::geometry::GBuffer;
-use crate::math::{Pose, Projection};
+use crate::math::{Pose, Projection, View};
 
 /// What an alignment found. Numbers belong to the pose that is given.
 #[derive(Clone, Copy, Debug)]
@@ -48,47 +47,49 @@ impl Effort {
     pub const WIDE: Self = Self { iterations: 3, reach: 3.0 };
 }
 
-/// Aligns the frame in `pyramid` with `model`, starting from `guess` (`world_from_camera`).
-/// `None` where the model is not a perspective picture, or one of the two has no pixels.
-pub(super) fn align(
-    pyramid: &Pyramid,
-    model: &GBuffer,
+/// Aligns the frame that was prepared with the map's picture, starting from `guess` (`world_from_camera`).
+/// `None` where there is no perspective picture of the map, or one of the two has no pixels.
+pub(super) fn align<P: PicturePair>(
+    pictures: &mut P,
     guess: &Pose,
     params: &TrackingParams,
     effort: Effort,
-    reduction: &mut Reduction,
-) -> Option<Fit> {
-    let Projection::Perspective(camera) = model.view.projection else { return None };
-    if camera.size().pixels() == 0 {
-        return None;
+) -> Result<Option<Fit>, P::Error> {
+    let Some(View { projection: Projection::Perspective(camera), world_from_view }) =
+        pictures.model_view()
+    else {
+        return Ok(None);
+    };
+    let levels = pictures.levels();
+    if camera.size().pixels() == 0 || levels == 0 {
+        return Ok(None);
     }
-    let finest = pyramid.levels.first()?;
-    let model_view = ModelView::new(model, camera);
+    let ratio = params.min_eigenvalue_ratio;
     let gates = Gates::new(params, effort.reach);
-    let world_from_model = model.view.world_from_view;
-    let mut model_from_camera = world_from_model.inverse() * guess;
+    let mut model_from_camera = world_from_view.inverse() * guess;
+    let mut evaluate = |level: usize, model_from_camera: &Pose| {
+        let sums = pictures.sums(level, camera, model_from_camera, &gates)?;
+        Ok((sums, solve(&sums.a(), &sums.b(), sums.mean_depth_m(), ratio)))
+    };
     let mut measured = None;
-    for (number, level) in pyramid.levels.iter().enumerate().rev() {
-        let steps = params.iterations.get(number).map_or(0, |n| n * effort.iterations);
+    for level in (0..levels).rev() {
+        let steps = params.iterations.get(level).map_or(0, |n| n * effort.iterations);
         for _ in 0..steps {
-            let sums = reduction.accumulate(level, &model_view, &model_from_camera, &gates);
-            let solution =
-                solve(&sums.a(), &sums.b(), sums.mean_depth_m(), params.min_eigenvalue_ratio);
+            let (sums, solution) = evaluate(level, &model_from_camera)?;
             model_from_camera = solution.step.exp() * model_from_camera;
             model_from_camera.rotation.renormalize();
             let small = solution.step.rotation.norm().max(solution.step.translation.norm())
                 < params.convergence;
             if small {
-                measured = (number == 0).then_some((sums, solution));
+                measured = (level == 0).then_some((sums, solution));
                 break;
             }
         }
     }
     // The last sums belong to this pose up to `convergence`, unless the iterations ran out.
-    let (sums, solution) = measured.unwrap_or_else(|| {
-        let sums = reduction.accumulate(finest, &model_view, &model_from_camera, &gates);
-        let ratio = params.min_eigenvalue_ratio;
-        (sums, solve(&sums.a(), &sums.b(), sums.mean_depth_m(), ratio))
-    });
-    Some(Fit::new(world_from_model * model_from_camera, &sums, &solution))
+    let (sums, solution) = match measured {
+        Some(measured) => measured,
+        None => evaluate(0, &model_from_camera)?,
+    };
+    Ok(Some(Fit::new(world_from_view * model_from_camera, &sums, &solution)))
 }

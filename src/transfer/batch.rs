@@ -52,7 +52,7 @@ impl Grid {
 }
 
 /// Grid points stand in the middle of their step, clamped to the image.
-pub(super) fn grid_pixel(step: usize, index: usize, length: usize) -> usize {
+pub(crate) fn grid_pixel(step: usize, index: usize, length: usize) -> usize {
     (index * step + step / 2).min(length.saturating_sub(1))
 }
 

@@ -33,7 +33,7 @@ pub struct DirectionSet {
     distances_m: Vec<[f32; LANES]>,
     slot_directions: Vec<u32>,
     /// No sample lies further away.
-    pub(super) farthest_m: f32,
+    pub(crate) farthest_m: f32,
 }
 
 impl DirectionSet {
@@ -122,7 +122,7 @@ impl DirectionSet {
 
     /// Y of a direction, padded with zeros to a multiple of 16.
     #[inline(always)]
-    pub(super) fn row(&self, direction: usize) -> &[f32] {
+    pub(crate) fn row(&self, direction: usize) -> &[f32] {
         let n = row_length(self.bands);
         &self.rows[direction * n..(direction + 1) * n]
     }

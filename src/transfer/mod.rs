@@ -21,7 +21,8 @@
 
 use crate::image::Size;
 use crate::math::sh::{MAX_BANDS, coefficients};
-use batch::{Grid, grid_pixel};
+use batch::Grid;
+pub(crate) use batch::grid_pixel;
 
 mod batch;
 mod bounce;
@@ -35,7 +36,7 @@ pub mod reference;
 mod samples;
 mod stage;
 #[cfg(test)]
-mod test_support;
+pub(crate) mod test_support;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -13,14 +13,14 @@ use crate::math::{Orthographic, Pinhole, Pose, Projection, View};
 use crate::scene::analytic::AnalyticScene;
 use glam::Vec3;
 
-fn camera(width: usize, height: usize) -> Pinhole {
+pub(crate) fn camera(width: usize, height: usize) -> Pinhole {
     let f = 525.0 * width as f32 / 640.0;
     let (cx, cy) = ((width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0);
     Pinhole { width, height, fx: f, fy: f, cx, cy }
 }
 
 /// Pose that looks from `eye` to `target`, with world z up; not straight up or down.
-fn look_at(eye: Vec3, target: Vec3) -> Pose {
+pub(crate) fn look_at(eye: Vec3, target: Vec3) -> Pose {
     let z = (target - eye).normalize();
     let x = z.cross(Vec3::Z).normalize();
     let axes = glam::Mat3::from_cols(x, z.cross(x), z);
@@ -28,7 +28,7 @@ fn look_at(eye: Vec3, target: Vec3) -> Pose {
     crate::math::pose_from_xyzw(eye.as_dvec3().to_array(), [q.x, q.y, q.z, q.w]).unwrap()
 }
 
-fn orthographic(pixels: usize, side_m: f32, pose: Pose) -> View {
+pub(crate) fn orthographic(pixels: usize, side_m: f32, pose: Pose) -> View {
     let middle = (pixels as f32 - 1.0) / 2.0;
     let projection = Orthographic {
         width: pixels,
@@ -44,7 +44,7 @@ fn frame_of(depth_m: Image<f32>) -> RgbdFrame {
     RgbdFrame { depth_m, ..RgbdFrame::default() }
 }
 
-fn render(scene: &AnalyticScene, view: &View) -> RgbdFrame {
+pub(crate) fn render(scene: &AnalyticScene, view: &View) -> RgbdFrame {
     frame_of(scene.render(view).depth_m)
 }
 
@@ -54,7 +54,7 @@ fn volume(resolution: usize) -> TsdfVolume {
 }
 
 /// Positions on an arc in front of the corner scene.
-fn arc(poses: usize) -> impl Iterator<Item = Pose> {
+pub(crate) fn arc(poses: usize) -> impl Iterator<Item = Pose> {
     (0..poses).map(move |i| {
         let angle = if poses > 1 { i as f32 / (poses - 1) as f32 * 1.2 - 0.4 } else { 0.2 };
         let eye = Vec3::new(1.6 * angle.cos(), -1.6 * angle.sin().abs() - 0.3, 1.2);

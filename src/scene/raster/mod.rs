@@ -6,7 +6,14 @@ mod project;
 mod real_depth;
 mod resolve;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
+
+#[cfg(feature = "gpu")]
+pub(crate) use cover::{SAMPLES, sample_offset};
+#[cfg(feature = "gpu")]
+pub(crate) use project::NEAR_M;
+#[cfg(feature = "gpu")]
+pub(crate) use resolve::{CROSSING_RANGE, DEPTH_BIAS, MAX_SLOPE};
 
 use super::objects::VirtualScene;
 use crate::compositing::VirtualLayer;
@@ -14,7 +21,8 @@ use crate::geometry::{GBuffer, Origin};
 use crate::math::View;
 use cover::{SampleBlock, cover_solid, cover_with_holes};
 use glam::{Mat3, Vec3};
-use project::{CHUNK_TRIANGLES, Chunk, MAX_CHUNKS, Projector, ScreenPoint, ScreenVertex};
+pub(crate) use project::Projector;
+use project::{CHUNK_TRIANGLES, Chunk, MAX_CHUNKS, ScreenPoint, ScreenVertex};
 use rayon::prelude::*;
 use real_depth::RealRange;
 use resolve::{DrawnObject, Resolver};

@@ -12,13 +12,13 @@ use glam::{Mat3, Vec2, Vec3};
 /// A virtual surface must be nearer than the real one by this share of its depth. 1 mm at 1 m: what
 /// filtered depth is uncertain by, so that an object standing on a real surface does not flicker
 /// through it, and too little to see that its foot is missing.
-const DEPTH_BIAS: f32 = 1e-3;
+pub const DEPTH_BIAS: f32 = 1e-3;
 /// Where real and virtual depths differ by less than this share, the line where the surfaces cross is
 /// found between pixel centres; where they differ by more, the edge lies half-way between.
-const CROSSING_RANGE: f32 = 0.02;
+pub const CROSSING_RANGE: f32 = 0.02;
 /// Slope, in depth per width of a pixel at that depth, beyond which a triangle is not continued to
 /// the next pixel: 83 degrees from the viewer.
-const MAX_SLOPE: f32 = 8.0;
+pub const MAX_SLOPE: f32 = 8.0;
 
 /// An object that may be in the picture.
 #[derive(Clone, Copy, Debug)]

@@ -9,18 +9,18 @@ use glam::{Quat, Vec2};
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
-fn quad(corners: [Vec3; 4], material: Material) -> PartData {
+pub(crate) fn quad(corners: [Vec3; 4], material: Material) -> PartData {
     let uvs = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
     let vertices =
         (0..4).map(|i| Vertex { position: corners[i], normal: Vec3::ZERO, uv: uvs[i] }).collect();
     PartData { vertices, triangles: vec![[0, 1, 2], [0, 2, 3]], material, ..Default::default() }
 }
 
-fn model(part: PartData) -> Arc<Model> {
+pub(crate) fn model(part: PartData) -> Arc<Model> {
     Arc::new(Model::new("test", vec![part]).unwrap())
 }
 
-fn sphere(radius: f32, stacks: u32) -> Arc<Model> {
+pub(crate) fn sphere(radius: f32, stacks: u32) -> Arc<Model> {
     let slices = 2 * stacks;
     let vertices = (0..=stacks)
         .flat_map(|i| (0..=slices).map(move |j| (i, j)))
@@ -44,7 +44,7 @@ fn sphere(radius: f32, stacks: u32) -> Arc<Model> {
 }
 
 /// Faces without vertex normals: flat.
-fn cuboid(half: Vec3) -> Arc<Model> {
+pub(crate) fn cuboid(half: Vec3) -> Arc<Model> {
     let vertices = (0..8)
         .map(|i| {
             let sign = |bit: u32| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
@@ -58,24 +58,24 @@ fn cuboid(half: Vec3) -> Arc<Model> {
     model(PartData { vertices, triangles, ..Default::default() })
 }
 
-fn at(model: Arc<Model>, translation: Vec3) -> VirtualObject {
+pub(crate) fn at(model: Arc<Model>, translation: Vec3) -> VirtualObject {
     VirtualObject::placed(model, Similarity { translation, ..Similarity::IDENTITY })
 }
 
-fn pinhole(width: usize, height: usize) -> View {
+pub(crate) fn pinhole(width: usize, height: usize) -> View {
     let f = width as f32 * 0.82;
     let (cx, cy) = ((width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0);
     View::perspective(Pinhole { width, height, fx: f, fy: f, cx, cy }, Pose::identity())
 }
 
-fn ortho(width: usize, height: usize, pixels_per_m: f32) -> View {
+pub(crate) fn ortho(width: usize, height: usize, pixels_per_m: f32) -> View {
     let (cx, cy) = ((width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0);
     let projection = Projection::Orthographic(Orthographic { width, height, pixels_per_m, cx, cy });
     View { projection, world_from_view: Pose::identity() }
 }
 
 /// Somewhere, turned about all axes.
-fn moved(view: View) -> View {
+pub(crate) fn moved(view: View) -> View {
     let world_from_view =
         Pose::new(nalgebra::Vector3::new(0.3, -0.2, 0.5), nalgebra::Vector3::new(0.4, -0.7, 0.2));
     View { world_from_view, ..view }
@@ -264,11 +264,11 @@ fn texture_coordinates_are_perspective_correct() {
     assert!(checked > 20);
 }
 
-fn wall(view: View, depth: f32) -> GBuffer {
+pub(crate) fn wall(view: View, depth: f32) -> GBuffer {
     AnalyticScene::new([Shape::Plane { normal: -Vec3::Z, offset: -depth }]).render(&view)
 }
 
-fn sheet(size: f32) -> Arc<Model> {
+pub(crate) fn sheet(size: f32) -> Arc<Model> {
     let corners = [(-size, -size), (size, -size), (size, size), (-size, size)];
     model(quad(corners.map(|(x, y)| Vec3::new(x, y, 0.0)), Material::default()))
 }
@@ -487,7 +487,7 @@ fn holes_of_a_mask_show_what_is_behind() {
     assert_eq!(opaque.merged.origin[(10, 32)], Origin::Virtual);
 }
 
-fn busy_scene() -> Vec<VirtualObject> {
+pub(crate) fn busy_scene() -> Vec<VirtualObject> {
     let mut rng = Rng::new(&[5]);
     let models = [sphere(0.3, 12), cuboid(Vec3::splat(0.2)), sheet(0.4)];
     (0..30)

@@ -1,13 +1,10 @@
 //! From frame to pose: the states of the camera and what leads from one to the other.
 
 use super::judgement::{Verdict, judge};
-use super::keyframes::{Keyframes, Thumbnail};
-use super::normal_equations::Reduction;
-use super::pyramid::Pyramid;
+use super::keyframes::Keyframes;
+use super::picture_pair::{FrameTag, PicturePair};
 use super::registration::{Effort, Fit, align};
 use super::{OnLost, PoseMode, Tracking, TrackingIssue, TrackingParams, TrackingState};
-use crate::capture::RgbdFrame;
-use crate::geometry::GBuffer;
 use crate::math::{Pinhole, Pose, View};
 
 /// Keyframes that are tried for one lost frame.
@@ -20,27 +17,13 @@ const MIN_VALID_SHARE: f32 = 0.02;
 const STALE_M: f64 = 0.25;
 const STALE_RAD: f64 = 0.25;
 
-/// Follows the camera. One frame at a time; what a frame did is in its [`Tracking`].
-///
-/// ```text
-/// Init ──> Tracking <──> Degraded         every frame with a model is aligned with it
-///              │  ^          │
-///              v  └──────┐   v
-///             Lost <──> Relocalising      a pose is believed when it fits two frames in a row
-/// ```
-///
-/// While lost, the pose is the last one that was well tracked. [`OnLost::Stop`] and
-/// [`OnLost::Reset`] are for the caller to carry out when it sees [`TrackingState::Lost`] (the latter
-/// by emptying the map and calling [`Tracker::reset`]); the tracker itself then holds.
+/// The states of the camera, on whatever device its pictures lie; [`Tracker`](super::Tracker) shows how
+/// they lead from one to the other.
 #[derive(Debug)]
-pub struct Tracker {
+pub(crate) struct Follower {
     params: TrackingParams,
     camera: Pinhole,
-    pyramid: Pyramid,
-    reduction: Reduction,
     keyframes: Keyframes,
-    /// Ray-cast where the caller's picture does not serve.
-    rendered: Option<GBuffer>,
     state: TrackingState,
     world_from_camera: Pose,
     /// The last pose fit to fuse with.
@@ -53,16 +36,13 @@ pub struct Tracker {
     degraded_frames: usize,
 }
 
-impl Tracker {
+impl Follower {
     /// `camera` is that of all frames.
     pub fn new(params: &TrackingParams, camera: Pinhole) -> Self {
         Self {
             params: params.clone(),
             camera,
-            pyramid: Pyramid::new(params, camera),
-            reduction: Reduction::default(),
             keyframes: Keyframes::default(),
-            rendered: None,
             state: TrackingState::Init,
             world_from_camera: Pose::identity(),
             trusted: Pose::identity(),
@@ -84,29 +64,24 @@ impl Tracker {
     }
 
     /// The pose of this frame.
-    ///
-    /// `model` is the map's picture at the pose of the frame before, `None` before anything was fused.
-    /// `render` draws the map from another view; it is called when the camera is lost, or when
-    /// `model` shows another place than the guess.
-    pub fn track(
+    pub fn follow<P: PicturePair>(
         &mut self,
-        frame: &RgbdFrame,
-        model: Option<&GBuffer>,
-        render: &mut dyn FnMut(&View, &mut GBuffer),
-    ) -> Tracking {
+        frame: FrameTag,
+        pictures: &mut P,
+    ) -> Result<Tracking, P::Error> {
         match self.params.mode {
-            PoseMode::Recorded => self.recorded(frame),
+            PoseMode::Recorded => Ok(self.recorded(frame)),
             PoseMode::Static => {
                 let next = self.next_of_fixed();
                 self.place(frame);
-                self.unmeasured(frame, next, None)
+                Ok(self.unmeasured(frame, next, None))
             }
-            PoseMode::Track => self.registered(frame, model, render),
+            PoseMode::Track => self.registered(frame, pictures),
         }
     }
 
-    fn recorded(&mut self, frame: &RgbdFrame) -> Tracking {
-        let Some(pose) = frame.world_from_camera else {
+    fn recorded(&mut self, frame: FrameTag) -> Tracking {
+        let Some(pose) = frame.recorded_pose else {
             return self.unmeasured(
                 frame,
                 TrackingState::Lost,
@@ -126,55 +101,51 @@ impl Tracker {
     }
 
     /// Before the first pose: the recording's, or else the world's origin.
-    fn place(&mut self, frame: &RgbdFrame) {
+    fn place(&mut self, frame: FrameTag) {
         if !self.placed {
-            self.world_from_camera = frame.world_from_camera.unwrap_or_else(Pose::identity);
+            self.world_from_camera = frame.recorded_pose.unwrap_or_else(Pose::identity);
             self.trusted = self.world_from_camera;
             self.placed = true;
         }
     }
 
-    fn registered(
+    fn registered<P: PicturePair>(
         &mut self,
-        frame: &RgbdFrame,
-        model: Option<&GBuffer>,
-        render: &mut dyn FnMut(&View, &mut GBuffer),
-    ) -> Tracking {
-        if frame.depth_m.size() != self.camera.size() {
-            let (width, height) = (frame.depth_m.width(), frame.depth_m.height());
-            return self.lose(frame, None, TrackingIssue::WrongSize { width, height });
+        frame: FrameTag,
+        pictures: &mut P,
+    ) -> Result<Tracking, P::Error> {
+        let size = pictures.frame_size();
+        if size != self.camera.size() {
+            let issue = TrackingIssue::WrongSize { width: size.width, height: size.height };
+            return Ok(self.lose(frame, None, issue));
         }
-        let valid_share = self.pyramid.update(&frame.depth_m);
+        let valid_share = pictures.prepare()?;
         if valid_share < MIN_VALID_SHARE {
-            return self.lose(frame, None, TrackingIssue::NoDepth { valid_share });
+            return Ok(self.lose(frame, None, TrackingIssue::NoDepth { valid_share }));
         }
-        let Some(model) = model else {
+        let Some(model_view) = pictures.model_view() else {
             self.place(frame);
             self.motion = Pose::identity();
-            if self.params.on_lost == OnLost::Relocalise {
-                self.keyframes.consider(frame, &self.world_from_camera);
-            }
-            return self.unmeasured(frame, TrackingState::Init, None);
+            self.consider_keyframe(self.world_from_camera, pictures)?;
+            return Ok(self.unmeasured(frame, TrackingState::Init, None));
         };
         self.place(frame);
         let guess = self.guess();
-        let fit = self.fit(model, &guess, render);
+        let fit = self.fit(&model_view, &guess, pictures)?;
         let verdict = judge(fit, Some(&self.world_from_camera), &self.params);
-        match (self.state, verdict) {
+        Ok(match (self.state, verdict) {
             (TrackingState::Lost, Verdict::Good(fit)) => {
                 self.accept(frame, fit, TrackingState::Relocalising, None)
             }
             (TrackingState::Lost, _) if self.params.on_lost == OnLost::Relocalise => {
-                self.relocalise(frame, render)
+                return self.relocalise(frame, pictures);
             }
             (TrackingState::Lost | TrackingState::Relocalising, Verdict::Poor(fit, issue)) => {
                 self.lose(frame, Some(fit), issue)
             }
             (_, Verdict::Good(fit)) => {
                 let tracking = self.accept(frame, fit, TrackingState::Tracking, None);
-                if self.params.on_lost == OnLost::Relocalise {
-                    self.keyframes.consider(frame, &fit.world_from_camera);
-                }
+                self.consider_keyframe(fit.world_from_camera, pictures)?;
                 tracking
             }
             (_, Verdict::Poor(fit, issue))
@@ -187,7 +158,20 @@ impl Tracker {
                 self.accept(frame, fit, TrackingState::Degraded, Some(issue))
             }
             (_, Verdict::Bad(fit, issue)) => self.lose(frame, fit, issue),
+        })
+    }
+
+    /// Keeps this frame to come back to, where that is wanted and no other was taken from near by.
+    fn consider_keyframe<P: PicturePair>(
+        &mut self,
+        world_from_camera: Pose,
+        pictures: &mut P,
+    ) -> Result<(), P::Error> {
+        if self.params.on_lost == OnLost::Relocalise && !self.keyframes.has_near(&world_from_camera)
+        {
+            self.keyframes.keep(pictures.thumbnail()?, world_from_camera);
         }
+        Ok(())
     }
 
     /// Where the camera should be by now.
@@ -195,49 +179,47 @@ impl Tracker {
         self.world_from_camera * self.motion
     }
 
-    /// Aligns with `model`, or with a new picture where `model` is of no use for this guess.
-    fn fit(
-        &mut self,
-        model: &GBuffer,
+    /// Aligns with the picture from `model_view`, or with a new one where that is of no use for this guess.
+    fn fit<P: PicturePair>(
+        &self,
+        model_view: &View,
         guess: &Pose,
-        render: &mut dyn FnMut(&View, &mut GBuffer),
-    ) -> Option<Fit> {
-        let away = guess.inverse() * model.view.world_from_view;
+        pictures: &mut P,
+    ) -> Result<Option<Fit>, P::Error> {
+        let away = guess.inverse() * model_view.world_from_view;
         let near = away.translation.vector.norm() < STALE_M && away.rotation.angle() < STALE_RAD;
-        if near && model.view.is_perspective() {
-            align(&self.pyramid, model, guess, &self.params, Effort::NORMAL, &mut self.reduction)
+        if near && model_view.is_perspective() {
+            align(pictures, guess, &self.params, Effort::NORMAL)
         } else {
-            self.fit_rendered(guess, Effort::NORMAL, render)
+            self.fit_rendered(guess, Effort::NORMAL, pictures)
         }
     }
 
     /// Aligns with a picture of the map from `guess` itself.
-    fn fit_rendered(
-        &mut self,
+    fn fit_rendered<P: PicturePair>(
+        &self,
         guess: &Pose,
         effort: Effort,
-        render: &mut dyn FnMut(&View, &mut GBuffer),
-    ) -> Option<Fit> {
-        let view = View::perspective(self.camera, *guess);
-        let model = self.rendered.get_or_insert_with(|| GBuffer::empty(view));
-        model.set_view(view);
-        render(&view, model);
-        align(&self.pyramid, model, guess, &self.params, effort, &mut self.reduction)
+        pictures: &mut P,
+    ) -> Result<Option<Fit>, P::Error> {
+        pictures.render_model(&View::perspective(self.camera, *guess))?;
+        align(pictures, guess, &self.params, effort)
     }
 
     /// Tries the keyframes that look most like this frame: a wide alignment, then a normal one with the
     /// map as seen from where that led. The best supported pose is taken.
-    fn relocalise(
+    fn relocalise<P: PicturePair>(
         &mut self,
-        frame: &RgbdFrame,
-        render: &mut dyn FnMut(&View, &mut GBuffer),
-    ) -> Tracking {
-        let thumbnail = Thumbnail::new(frame);
+        frame: FrameTag,
+        pictures: &mut P,
+    ) -> Result<Tracking, P::Error> {
+        let thumbnail = pictures.thumbnail()?;
         let mut best: Option<Fit> = None;
         let mut why = TrackingIssue::NoModel;
         for candidate in self.keyframes.most_similar(&thumbnail, CANDIDATES) {
-            let Some(rough) = self.fit_rendered(&candidate, Effort::WIDE, render) else { continue };
-            let fit = self.fit_rendered(&rough.world_from_camera, Effort::NORMAL, render);
+            let rough = self.fit_rendered(&candidate, Effort::WIDE, pictures)?;
+            let Some(rough) = rough else { continue };
+            let fit = self.fit_rendered(&rough.world_from_camera, Effort::NORMAL, pictures)?;
             match judge(fit, None, &self.params) {
                 Verdict::Good(fit) => {
                     let better = best.is_none_or(|b| fit.support() > b.support());
@@ -246,16 +228,16 @@ impl Tracker {
                 Verdict::Poor(_, issue) | Verdict::Bad(_, issue) => why = issue,
             }
         }
-        match best {
+        Ok(match best {
             Some(fit) => self.accept(frame, fit, TrackingState::Relocalising, None),
             None => self.lose(frame, None, why),
-        }
+        })
     }
 
     /// Goes on from the pose of `fit`.
     fn accept(
         &mut self,
-        frame: &RgbdFrame,
+        frame: FrameTag,
         fit: Fit,
         next: TrackingState,
         issue: Option<TrackingIssue>,
@@ -275,7 +257,7 @@ impl Tracker {
     }
 
     /// Goes back to the last pose that was trusted; reports the numbers of the attempt, if there was one.
-    fn lose(&mut self, frame: &RgbdFrame, fit: Option<Fit>, issue: TrackingIssue) -> Tracking {
+    fn lose(&mut self, frame: FrameTag, fit: Option<Fit>, issue: TrackingIssue) -> Tracking {
         self.world_from_camera = self.trusted;
         self.motion = Pose::identity();
         let next = TrackingState::Lost;
@@ -291,7 +273,7 @@ impl Tracker {
     /// A result without alignment.
     fn unmeasured(
         &mut self,
-        frame: &RgbdFrame,
+        frame: FrameTag,
         next: TrackingState,
         issue: Option<TrackingIssue>,
     ) -> Tracking {
@@ -309,7 +291,7 @@ impl Tracker {
     }
 
     /// Changes the state; each change is logged once.
-    fn enter(&mut self, frame: &RgbdFrame, next: TrackingState, issue: Option<TrackingIssue>) {
+    fn enter(&mut self, frame: FrameTag, next: TrackingState, issue: Option<TrackingIssue>) {
         let before = std::mem::replace(&mut self.state, next);
         self.degraded_frames = match (next, issue) {
             (_, Some(TrackingIssue::Underconstrained { .. })) => 0,

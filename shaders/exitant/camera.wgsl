@@ -1,0 +1,24 @@
+// Outgoing radiance of the pixels of the camera's view: real surfaces radiate what the camera saw of them.
+#import exitant/reflected
+
+@group(0) @binding(0) var<uniform> params: ExitantUniform;
+@group(0) @binding(1) var<storage, read> surface: array<vec4f>;
+@group(0) @binding(2) var<storage, read> origin: array<u32>;
+@group(0) @binding(3) var<storage, read> layer: array<vec4f>;
+@group(0) @binding(4) var<storage, read> color: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> radiance: array<vec4f>;
+
+@compute @workgroup_size(256)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+    let at = id.x;
+    if at >= params.pixels {
+        return;
+    }
+    var out = vec3f(0.0);
+    switch origin[at] {
+        case VIRTUAL: { out = reflected(at); }
+        case MODEL, SENSOR: { out = color[at].rgb; }
+        default: {}
+    }
+    radiance[at] = vec4f(out, 0.0);
+}

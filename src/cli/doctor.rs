@@ -1,0 +1,71 @@
+//! `kinlight doctor`: the graphics devices of this machine.
+
+use super::Talk;
+use super::error::CliError;
+use clap::Args;
+use kinlight::gpu::AdapterChoice;
+use kinlight::gpu::diagnosis::{AdapterReport, Verdict, diagnose};
+
+/// Say which graphics devices there are, what they can do, and which would be taken.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Look at the adapter whose name or driver contains this.
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+}
+
+pub fn run(args: &DoctorArgs, talk: Talk) -> Result<(), CliError> {
+    let choice = args.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
+    let (reports, verdict) = diagnose(&choice).map_err(|e| CliError::Usage(e.to_string()))?;
+    for report in &reports {
+        talk.say(describe(report));
+    }
+    let taken = verdict.adapter.as_deref().unwrap_or("the CPU backend");
+    talk.say(format!("would be taken: {taken}, because {}", verdict.because));
+    talk.result(&as_json(&reports, &verdict));
+    Ok(())
+}
+
+fn describe(report: &AdapterReport) -> String {
+    let mut text = format!("{}\n", report.summary);
+    let (there, missing) = report.features();
+    let list = |names: &[&str]| match names {
+        [] => "none".to_owned(),
+        names => names.join(", "),
+    };
+    text += &format!("  optional features: {}; missing: {}\n", list(&there), list(&missing));
+    for (name, value) in report.limits() {
+        text += &format!("  {name}: {value}\n");
+    }
+    for (name, has, needed) in &report.short_of {
+        text += &format!("  falls short of WebGPU's {name}: {has} of {needed}\n");
+    }
+    match &report.opens {
+        Ok(()) => text += "  opens with WebGPU's default limits",
+        Err(error) => text += &format!("  does not open: {error}"),
+    }
+    text
+}
+
+fn as_json(reports: &[AdapterReport], verdict: &Verdict) -> serde_json::Value {
+    let adapters: Vec<_> = reports
+        .iter()
+        .map(|report| {
+            serde_json::json!({
+                "name": report.summary.name,
+                "api": report.summary.api,
+                "driver": report.summary.driver,
+                "software": report.summary.is_software(),
+                "features": report.features().0,
+                "limits": report.limits().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
+                "short_of": report.short_of.iter().map(|(name, ..)| name).collect::<Vec<_>>(),
+                "error": report.opens.as_ref().err().map(ToString::to_string),
+            })
+        })
+        .collect();
+    serde_json::json!({
+        "adapters": adapters,
+        "taken": verdict.adapter,
+        "because": verdict.because,
+    })
+}

@@ -1,0 +1,238 @@
+//! Passes, recorded one after the other and submitted together.
+
+use super::device::ARENA_BYTES;
+use super::pipeline::{Access, Pipeline};
+use super::stage_timer::{PassMarks, StageTimer};
+use super::{Gpu, GpuBuffer, GpuError, SampleTargets, Shader, Uniform};
+use crate::image::Size;
+use crate::timing::Stage;
+use bytemuck::Pod;
+use std::sync::Arc;
+
+/// Alignment of uniform bindings that every device accepts.
+const UNIFORM_ALIGNMENT: usize = 256;
+
+/// What is recorded for one submission.
+pub struct Commands<'g> {
+    gpu: &'g Gpu,
+    pub(super) encoder: wgpu::CommandEncoder,
+    parameters: Vec<u8>,
+    pub(super) stage: Stage,
+    pub(super) marks: Option<PassMarks>,
+}
+
+impl<'g> Commands<'g> {
+    pub(super) fn new(gpu: &'g Gpu) -> Self {
+        let encoder = gpu.device().create_command_encoder(&Default::default());
+        Self { gpu, encoder, parameters: Vec::new(), stage: Stage::Input, marks: None }
+    }
+
+    /// Measures passes from here on, where there is a timer; [`Self::submit_timed`] ends that.
+    pub fn timed(mut self, timer: Option<&StageTimer>) -> Self {
+        self.marks = timer.map(StageTimer::marks);
+        self
+    }
+
+    pub fn gpu(&self) -> &'g Gpu {
+        self.gpu
+    }
+
+    /// The passes that follow are part of this stage.
+    pub fn stage(&mut self, stage: Stage) -> &mut Self {
+        self.stage = stage;
+        self
+    }
+
+    /// Starts a pass; its bindings are given in the order of their numbers in the shader.
+    pub fn pass(&mut self, shader: &Shader) -> Result<Pass<'_, 'g>, GpuError> {
+        let pipeline = self.gpu.pipeline(shader)?;
+        Ok(Pass { commands: self, pipeline, bound: Vec::new() })
+    }
+
+    /// Starts drawing; bindings as in [`Self::pass`].
+    pub fn drawing(
+        &mut self,
+        shader: &Shader,
+    ) -> Result<Pass<'_, 'g, wgpu::RenderPipeline>, GpuError> {
+        let pipeline = self.gpu.drawing_pipeline(shader)?;
+        Ok(Pass { commands: self, pipeline, bound: Vec::new() })
+    }
+
+    /// Copies the first `len` values.
+    pub fn copy<T: Pod>(&mut self, from: &GpuBuffer<T>, to: &GpuBuffer<T>, len: usize) {
+        let bytes = (len * size_of::<T>()) as u64;
+        self.encoder.copy_buffer_to_buffer(from.raw(), 0, to.raw(), 0, bytes);
+    }
+
+    /// Zeros the whole buffer.
+    pub fn clear<T: Pod>(&mut self, buffer: &GpuBuffer<T>) {
+        self.encoder.clear_buffer(buffer.raw(), 0, None);
+    }
+
+    /// Hands everything to the device; `timer`, the one that was given to [`Self::timed`], has the
+    /// times when the device is done.
+    pub fn submit_timed(mut self, timer: Option<&mut StageTimer>) -> Result<(), GpuError> {
+        if let (Some(marks), Some(timer)) = (self.marks.take(), timer) {
+            timer.finish(marks, &mut self);
+        }
+        self.submit()
+    }
+
+    /// Hands everything to the device.
+    pub fn submit(self) -> Result<(), GpuError> {
+        // two threads may submit: neither may write the other's parameters
+        let submitting = &self.gpu.submitting;
+        let _held = submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if !self.parameters.is_empty() {
+            self.gpu.write(&self.gpu.arena, 0, &self.parameters);
+        }
+        self.gpu.queue().submit([self.encoder.finish()]);
+        self.gpu.check()
+    }
+}
+
+enum Bound {
+    /// Offset and bytes in the arena.
+    Uniform(u64, u64),
+    Storage(wgpu::Buffer),
+    Layers(wgpu::TextureView),
+}
+
+/// One dispatch, or one set of draws, in the making.
+#[must_use = "a pass runs when it is dispatched"]
+pub struct Pass<'c, 'g, R = wgpu::ComputePipeline> {
+    pub(super) commands: &'c mut Commands<'g>,
+    pub(super) pipeline: Arc<Pipeline<R>>,
+    bound: Vec<Bound>,
+}
+
+impl<R> Pass<'_, '_, R> {
+    pub fn uniform<T: Uniform>(mut self, value: &T) -> Result<Self, GpuError> {
+        self.pipeline.expect_uniform::<T>(self.bound.len())?;
+        let parameters = &mut self.commands.parameters;
+        let offset = parameters.len().next_multiple_of(UNIFORM_ALIGNMENT);
+        let end = (offset + size_of::<T>()).next_multiple_of(4);
+        if end as u64 > ARENA_BYTES {
+            let what = "parameters of one submission".to_owned();
+            return Err(GpuError::OutOfMemory { what });
+        }
+        parameters.resize(end, 0);
+        parameters[offset..offset + size_of::<T>()].copy_from_slice(bytemuck::bytes_of(value));
+        self.bound.push(Bound::Uniform(offset as u64, size_of::<T>() as u64));
+        Ok(self)
+    }
+
+    /// A storage buffer that the shader only reads.
+    pub fn read<T: Pod>(self, buffer: &impl AsRef<GpuBuffer<T>>) -> Result<Self, GpuError> {
+        self.bind(Access::Read, buffer.as_ref())
+    }
+
+    /// A storage buffer that the shader writes, or reads and writes.
+    pub fn write<T: Pod>(self, buffer: &impl AsRef<GpuBuffer<T>>) -> Result<Self, GpuError> {
+        self.bind(Access::ReadWrite, buffer.as_ref())
+    }
+
+    fn bind<T: Pod>(mut self, access: Access, buffer: &GpuBuffer<T>) -> Result<Self, GpuError> {
+        self.pipeline.expect(self.bound.len(), access)?;
+        if buffer.is_empty() {
+            let problem = format!("{} is empty", buffer.label());
+            return Err(self.pipeline.binding_error(self.bound.len(), problem));
+        }
+        self.bound.push(Bound::Storage(buffer.raw().clone()));
+        Ok(self)
+    }
+
+    /// All layers that were drawn into.
+    pub fn layers(mut self, targets: &SampleTargets) -> Result<Self, GpuError> {
+        self.pipeline.expect(self.bound.len(), Access::Layers)?;
+        self.bound.push(Bound::Layers(targets.all_layers().clone()));
+        Ok(self)
+    }
+
+    /// What was bound, which must be all that the shader wants.
+    pub(super) fn bind_group(&self) -> Result<wgpu::BindGroup, GpuError> {
+        let (gpu, pipeline, bound) = (self.commands.gpu, &self.pipeline, &self.bound);
+        let wanted = pipeline.reflection.bindings.len();
+        if bound.len() != wanted {
+            let problem = format!("{} bindings are given, the shader has {wanted}", bound.len());
+            return Err(pipeline.binding_error(bound.len(), problem));
+        }
+        let entries: Vec<_> = bound.iter().enumerate().map(|(i, b)| b.entry(gpu, i)).collect();
+        Ok(gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(pipeline.file),
+            layout: &pipeline.layout,
+            entries: &entries,
+        }))
+    }
+}
+
+impl Pass<'_, '_> {
+    /// One invocation a pixel, rounded up to whole workgroups.
+    pub fn over(self, size: Size) -> Result<(), GpuError> {
+        self.over_3d([size.width, size.height, 1])
+    }
+
+    /// One invocation for each of `count`, rounded up to whole workgroups.
+    pub fn over_count(self, count: usize) -> Result<(), GpuError> {
+        self.over_3d([count, 1, 1])
+    }
+
+    /// One invocation a cell, rounded up to whole workgroups.
+    pub fn over_3d(self, cells: [usize; 3]) -> Result<(), GpuError> {
+        let workgroup = self.pipeline.reflection.workgroup;
+        let groups = std::array::from_fn(|i| cells[i].div_ceil(workgroup[i] as usize) as u32);
+        self.workgroups(groups)
+    }
+
+    /// Runs this many workgroups; none is an error, as it would silently do nothing.
+    pub fn workgroups(self, groups: [u32; 3]) -> Result<(), GpuError> {
+        self.dispatch(groups.contains(&0), groups, |pass| {
+            pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
+        })
+    }
+
+    /// Runs as many workgroups as the first three values of `groups` say.
+    pub fn workgroups_from(self, groups: &GpuBuffer<u32>) -> Result<(), GpuError> {
+        self.dispatch(false, [1; 3], |pass| pass.dispatch_workgroups_indirect(groups.raw(), 0))
+    }
+
+    fn dispatch(
+        self,
+        empty: bool,
+        groups: [u32; 3],
+        run: impl FnOnce(&mut wgpu::ComputePass<'_>),
+    ) -> Result<(), GpuError> {
+        let group = self.bind_group()?;
+        let Self { commands, pipeline, .. } = self;
+        let most = commands.gpu.limits().max_compute_workgroups_per_dimension;
+        if empty || groups.iter().any(|&n| n > most) {
+            let problem = format!("{groups:?} workgroups; 1 to {most} can be run");
+            return Err(GpuError::Shader { shader: pipeline.file.to_owned(), problem });
+        }
+        let stage = commands.stage;
+        let timestamp_writes = commands.marks.as_mut().and_then(|m| m.next(stage));
+        let mut pass = commands.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(pipeline.file),
+            timestamp_writes,
+        });
+        pass.set_pipeline(&pipeline.raw);
+        pass.set_bind_group(0, &group, &[]);
+        run(&mut pass);
+        Ok(())
+    }
+}
+
+impl Bound {
+    fn entry<'a>(&'a self, gpu: &'a Gpu, number: usize) -> wgpu::BindGroupEntry<'a> {
+        let resource = match self {
+            Self::Uniform(offset, bytes) => wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &gpu.arena,
+                offset: *offset,
+                size: std::num::NonZeroU64::new(*bytes),
+            }),
+            Self::Storage(buffer) => buffer.as_entire_binding(),
+            Self::Layers(view) => wgpu::BindingResource::TextureView(view),
+        };
+        wgpu::BindGroupEntry { binding: number as u32, resource }
+    }
+}

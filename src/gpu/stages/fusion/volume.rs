@@ -1,0 +1,195 @@
+//! The volume's memory.
+
+use super::shaders;
+use super::uniforms::GridUniform;
+use crate::fusion::block::VOXELS;
+use crate::fusion::{FusionError, Lattice, VolumeParams};
+use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, ReadBack, Shader};
+use wgpu::BufferUsages;
+
+/// Slots at most, the first one included, which stays unseen: as many words of voxels as WebGPU binds
+/// everywhere, and as many workgroups as it runs.
+const MOST_SLOTS: usize = 65536;
+
+/// As in `shaders/fusion/blocks.wgsl`, where it is told what they count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub(super) struct Counters {
+    pub used: u32,
+    pub free: u32,
+    pub taken: u32,
+    pub released: u32,
+    pub refused: u32,
+    pub max_depth_bits: u32,
+}
+
+/// [`crate::fusion::TsdfVolume`] on the device.
+///
+/// A voxel is one word: the distance, plus 32768, in its lower half and the weight in its upper half.
+/// Unseen voxels are zero.
+pub struct GpuVolume {
+    pub(super) params: VolumeParams,
+    pub(super) lattice: Lattice,
+    pub(super) revision: u64,
+    /// Slots of the pool.
+    pub(super) capacity: usize,
+    /// By block, x fastest: its slot, 0 without storage.
+    pub(super) table: GpuBuffer<u32>,
+    /// By block: the bricks that may hold surface.
+    pub(super) crossings: GpuBuffer<[u32; 2]>,
+    /// By slot.
+    pub(super) voxels: GpuBuffer<u32>,
+    pub(super) colors: Option<GpuBuffer<u32>>,
+    /// By block: what decides on its release, and what its crossings are made of.
+    pub(super) lowest: GpuBuffer<i32>,
+    pub(super) sides: GpuBuffer<[u32; 4]>,
+    /// A bit for each block that the newest picture needs.
+    pub(super) marks: GpuBuffer<u32>,
+    /// Slots that came back.
+    pub(super) free: GpuBuffer<u32>,
+    /// Blocks that the newest picture may change, and how many workgroups that makes.
+    pub(super) work: GpuBuffer<u32>,
+    pub(super) groups: GpuBuffer<u32>,
+    pub(super) counters: GpuBuffer<Counters>,
+    counted: ReadBack<Counters>,
+    newest: Counters,
+    pub(super) kernels: Kernels,
+}
+
+pub(super) struct Kernels {
+    pub mark: Shader,
+    pub allocate: Shader,
+    pub integrate: Shader,
+    pub color: Shader,
+    pub release: Shader,
+    pub crossings: Shader,
+    pub settle: Shader,
+}
+
+impl GpuVolume {
+    /// An empty volume. `lattice` must have been made of `params`.
+    pub fn new(gpu: &Gpu, params: &VolumeParams, lattice: Lattice) -> Result<Self, GpuError> {
+        let bytes = gpu.limits().max_storage_buffer_binding_size as usize;
+        let most = MOST_SLOTS.min(bytes / (VOXELS * size_of::<u32>())).max(2);
+        Self::with_blocks(gpu, params, lattice, lattice.blocks().min(most - 1))
+    }
+
+    /// With storage for this many blocks.
+    pub(super) fn with_blocks(
+        gpu: &Gpu,
+        params: &VolumeParams,
+        lattice: Lattice,
+        most: usize,
+    ) -> Result<Self, GpuError> {
+        let (blocks, capacity) = (lattice.blocks(), most + 1);
+        let colors = || GpuBuffer::new(gpu, "voxel colours", capacity * VOXELS);
+        let groups = GpuBuffer::with_usage(gpu, "groups", 3, BufferUsages::INDIRECT)?;
+        groups.upload(gpu, &[0, 1, 1]);
+        Ok(Self {
+            params: params.clone(),
+            lattice,
+            revision: 0,
+            capacity,
+            table: GpuBuffer::new(gpu, "block table", blocks)?,
+            crossings: GpuBuffer::new(gpu, "crossings", blocks)?,
+            voxels: GpuBuffer::new(gpu, "voxels", capacity * VOXELS)?,
+            colors: params.color.then(colors).transpose()?,
+            lowest: GpuBuffer::new(gpu, "lowest distances", blocks)?,
+            sides: GpuBuffer::new(gpu, "sides of bricks", blocks)?,
+            marks: GpuBuffer::new(gpu, "marked blocks", blocks.div_ceil(32))?,
+            free: GpuBuffer::new(gpu, "free slots", capacity)?,
+            work: GpuBuffer::new(gpu, "blocks to integrate", capacity)?,
+            groups,
+            counters: GpuBuffer::new(gpu, "volume counters", 1)?,
+            counted: ReadBack::new(gpu, "volume counters", 1)?,
+            newest: Counters::default(),
+            kernels: Kernels {
+                mark: shaders::mark(),
+                allocate: shaders::allocate(),
+                integrate: shaders::integrate(),
+                color: shaders::color(),
+                release: shaders::release(),
+                crossings: shaders::crossings(),
+                settle: shaders::settle(),
+            },
+        })
+    }
+
+    /// Forgets everything seen; keeps memory, for a cube elsewhere, of the same parameters.
+    pub fn restart(&mut self, commands: &mut Commands<'_>, lattice: Lattice) {
+        assert_eq!(lattice.grid, self.lattice.grid, "blocks a side");
+        self.lattice = lattice;
+        commands.clear(&self.table);
+        commands.clear(&self.crossings);
+        commands.clear(&self.lowest);
+        commands.clear(&self.sides);
+        commands.clear(&self.counters);
+        self.revision += 1;
+    }
+
+    /// Changes whenever the contents may have changed.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    pub fn params(&self) -> &VolumeParams {
+        &self.params
+    }
+
+    pub fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    /// Slot of each block, x fastest, 0 without storage: slot 0 is a block that stays unseen.
+    pub fn table(&self) -> &GpuBuffer<u32> {
+        &self.table
+    }
+
+    /// Words of voxels by slot.
+    pub fn voxels(&self) -> &GpuBuffer<u32> {
+        &self.voxels
+    }
+
+    /// A bit for each of a block's bricks of 2x2x2 voxels that may hold surface, in the table's order.
+    pub fn crossings(&self) -> &GpuBuffer<[u32; 2]> {
+        &self.crossings
+    }
+
+    /// Blocks of 8x8x8 voxels that have storage after the newest integration, which must have been
+    /// submitted; waits for it.
+    ///
+    /// # Errors
+    /// [`FusionError::Full`] where blocks were refused storage.
+    pub fn allocated_blocks(&mut self, gpu: &Gpu) -> Result<usize, FusionError> {
+        self.take_counters(gpu)?;
+        Ok((self.newest.used - self.newest.free) as usize)
+    }
+
+    /// Bytes on the device.
+    pub fn memory_bytes(&self) -> usize {
+        let words = self.table.len() * (1 + 2 + 1 + 4) + self.marks.len();
+        let colors = self.colors.as_ref().map_or(0, GpuBuffer::len);
+        let pool = self.voxels.len() + colors + self.free.len() + self.work.len();
+        size_of::<u32>() * (words + pool + self.groups.len()) + size_of::<Counters>()
+    }
+
+    pub(super) fn grid_uniform(&self) -> GridUniform {
+        GridUniform { grid: self.lattice.grid as u32, capacity: self.capacity as u32 }
+    }
+
+    /// Has the counters copied when everything recorded so far is done.
+    pub(super) fn request_counters(&mut self, commands: &mut Commands<'_>) {
+        self.counted.request(commands, &self.counters, 1);
+    }
+
+    /// Takes the counters that were requested, if any.
+    pub(super) fn take_counters(&mut self, gpu: &Gpu) -> Result<(), FusionError> {
+        if let Some(&[counters]) = self.counted.take(gpu)?.as_deref() {
+            self.newest = counters;
+        }
+        match self.newest.refused {
+            0 => Ok(()),
+            _ => Err(FusionError::Full { blocks: self.capacity - 1 }),
+        }
+    }
+}
