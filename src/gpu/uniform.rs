@@ -9,7 +9,7 @@ pub struct Field {
     pub bytes: usize,
 }
 
-/// A struct of a shader, with WGSL's layout. Made by [`uniform!`](uniform); at every pass its name, members,
+/// A struct of a shader, with WGSL's layout. Made by the macro `uniform!`; at every pass its name, members,
 /// offsets and sizes are compared with those of the shader.
 pub trait Uniform: bytemuck::Pod {
     const NAME: &'static str;

@@ -61,7 +61,7 @@ fn write_environments(study: &LightStudy, out: &Path) -> Result<(), StudyError> 
     Ok(())
 }
 
-/// Brings the ambient light of the made scenes, about 0.12, to middle grey in [`tone_mapped`]; their
+/// Brings the ambient light of the made scenes, about 0.12, to middle grey in `tone_mapped`; their
 /// lamps, about 20, stay below white.
 pub const ENVIRONMENT_EXPOSURE: f32 = 4.0;
 
