@@ -44,6 +44,7 @@ fn settings() -> Settings {
     let mut settings = Settings::preset("ours-mobile").unwrap();
     settings.tracking.mode = PoseMode::Recorded;
     settings.surface.auxiliary_resolution = 64;
+    (settings.surface.left, settings.surface.right) = (true, true);
     settings.surface.warm_up_updates = 2;
     settings.transfer.subsampling = 2;
     settings
