@@ -35,15 +35,15 @@ pub struct Level {
     /// Of 32 directions.
     words: usize,
     bands: usize,
-    /// A direction, then its spherical harmonics.
-    directions: GpuBuffer<[f32; 4]>,
     pub real: Found,
     pub merged: Found,
 }
 
-/// What rays go through.
+/// Where rays go.
 #[derive(Clone, Copy)]
 pub struct Room<'a> {
+    /// A direction, then its spherical harmonics.
+    pub directions: &'a GpuBuffer<[f32; 4]>,
     pub volume: &'a GpuVolume,
     pub space: &'a EmptySpacePass,
 }
@@ -72,7 +72,6 @@ impl Level {
     pub fn new(
         gpu: &Gpu,
         params: &TransferParams,
-        directions: &[[f32; 4]],
         step: usize,
         image: Size,
     ) -> Result<Self, GpuError> {
@@ -82,7 +81,6 @@ impl Level {
             grid,
             words,
             bands: params.bands,
-            directions: GpuBuffer::from_slice(gpu, "directions", directions)?,
             real: Found::new(gpu, grid.pixels(), words)?,
             merged: Found::new(gpu, grid.pixels(), words)?,
         })
@@ -118,7 +116,7 @@ impl Level {
         out: &GpuBuffer<f32>,
     ) -> Result<(), GpuError> {
         self.trace_volume(commands, uniform, room, main, &self.real)?;
-        self.project(commands, uniform, main, &self.real, out)
+        self.project(commands, uniform, room, main, &self.real, out)
     }
 
     /// Traces the scene with objects as planned. What the real pass found is used again; `out` holds its
@@ -147,21 +145,21 @@ impl Level {
             .pass(&objects_shader(self.bands))?
             .uniform(&uniform.of(self))?
             .read(&merged.surface)?
-            .read(&self.directions)?
+            .read(room.directions)?
             .read(&objects.instances)?
             .read(&objects.nodes)?
             .read(&objects.triangles)?
             .read(&self.merged.how)?
             .write(&self.merged.hits)?
             .over_3d(self.rays())?;
-        self.project(commands, uniform, merged, &self.merged, out)
+        self.project(commands, uniform, room, merged, &self.merged, out)
     }
 
     fn trace_volume(
         &self,
         commands: &mut Commands<'_>,
         uniform: &TracedUniform,
-        Room { volume, space }: Room<'_>,
+        Room { directions, volume, space }: Room<'_>,
         main: &GpuGBuffer,
         found: &Found,
     ) -> Result<(), GpuError> {
@@ -169,7 +167,7 @@ impl Level {
             .pass(&volume_shader(self.bands))?
             .uniform(&uniform.of(self))?
             .read(&main.surface)?
-            .read(&self.directions)?
+            .read(directions)?
             .read(volume.table())?
             .read(volume.crossings())?
             .read(volume.voxels())?
@@ -183,6 +181,7 @@ impl Level {
         &self,
         commands: &mut Commands<'_>,
         uniform: &TracedUniform,
+        room: Room<'_>,
         main: &GpuGBuffer,
         found: &Found,
         out: &GpuBuffer<f32>,
@@ -191,7 +190,7 @@ impl Level {
             .pass(&project_shader(self.bands))?
             .uniform(&uniform.of(self))?
             .read(&main.surface)?
-            .read(&self.directions)?
+            .read(room.directions)?
             .read(&found.how)?
             .read(&found.hits)?
             .write(out)?

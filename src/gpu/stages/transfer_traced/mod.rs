@@ -21,7 +21,7 @@ mod uniforms;
 use super::transfer::direction_rows;
 use super::transfer_map::grid_size;
 use super::{EmptySpacePass, GpuTransferMap, GpuVolume};
-use crate::gpu::{Commands, Gpu, GpuError, GpuGBuffer, Shader};
+use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuGBuffer, Shader};
 use crate::image::Size;
 use crate::math::View;
 use crate::scene::VirtualScene;
@@ -55,6 +55,8 @@ pub(super) fn shaders() -> Vec<Shader> {
 pub struct TracedTransferPass {
     params: TransferParams,
     image: Size,
+    /// A direction, then its spherical harmonics.
+    directions: GpuBuffer<[f32; 4]>,
     space: EmptySpacePass,
     objects: GpuSceneRays,
     /// The grid's points.
@@ -75,13 +77,13 @@ impl TracedTransferPass {
         volume: &GpuVolume,
         image: Size,
     ) -> Result<Self, GpuError> {
-        let directions = direction_rows(set, params.bands);
-        let refined =
-            params.refines().then(|| Refined::new(gpu, params, &directions, image)).transpose()?;
+        let rows = direction_rows(set, params.bands);
+        let refined = params.refines().then(|| Refined::new(gpu, params, image)).transpose()?;
         Ok(Self {
+            directions: GpuBuffer::from_slice(gpu, "directions", &rows)?,
             space: EmptySpacePass::new(gpu, volume)?,
             objects: GpuSceneRays::new(gpu)?,
-            level: Level::new(gpu, params, &directions, params.subsampling, image)?,
+            level: Level::new(gpu, params, params.subsampling, image)?,
             refined,
             params: params.clone(),
             image,
@@ -112,7 +114,7 @@ impl TracedTransferPass {
             return Ok(());
         }
         self.space.survey(commands, volume)?;
-        let room = Room { volume, space: &self.space };
+        let room = Room { directions: &self.directions, volume, space: &self.space };
         let uniform = TracedUniform::new(&self.params, volume, &main.view, &self.level, 0);
         let coarse = self.refined.as_ref().map_or(out, |refined| &refined.real);
         self.level.plan(commands, &uniform, main, &self.level.real.how)?;
@@ -155,7 +157,7 @@ impl TracedTransferPass {
             return Ok(());
         }
         let (objects, buffers) = (&self.objects, (real, merged));
-        let room = Room { volume, space: &self.space };
+        let room = Room { directions: &self.directions, volume, space: &self.space };
         let uniform =
             TracedUniform::new(&self.params, volume, &merged.view, &self.level, instances);
         let coarse = self.refined.as_ref().map_or(out, |refined| &refined.merged);

@@ -35,16 +35,11 @@ pub fn interpolate_shader(bands: usize) -> Shader {
 }
 
 impl Refined {
-    pub fn new(
-        gpu: &Gpu,
-        params: &TransferParams,
-        directions: &[[f32; 4]],
-        image: Size,
-    ) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, params: &TransferParams, image: Size) -> Result<Self, GpuError> {
         let map = || GpuTransferMap::new(gpu, params.bands, params.subsampling, image);
         let real = map()?;
         Ok(Self {
-            pixels: Level::new(gpu, params, directions, 1, image)?,
+            pixels: Level::new(gpu, params, 1, image)?,
             is_smooth: GpuBuffer::new(gpu, "smooth cells", real.grid.pixels())?,
             places: GpuBuffer::from_slice(
                 gpu,
