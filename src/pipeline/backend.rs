@@ -38,11 +38,11 @@ pub struct BackendRecord {
     pub adapter: Option<String>,
     /// What the stage times were measured with.
     pub clock: String,
-    /// Between host and device.
+    /// Between host and device; from two frames on.
     pub traffic: Option<FrameTraffic>,
 }
 
-/// Mean bytes a frame.
+/// Mean bytes a frame, the first left out, which also brings tables and models.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FrameTraffic {
     /// Pictures, parameters and objects.

@@ -66,9 +66,7 @@ pub struct GpuPipeline {
     compositor: CompositingPass,
     last: FrameBuffers,
     composed: Image<[u8; 3]>,
-    frames: u64,
-    pictures: u64,
-    traffic_before: Traffic,
+    traffic: TrafficOfFrames,
 }
 
 /// Everything that is known about the newest frame.
@@ -80,6 +78,37 @@ struct FrameBuffers {
     maps: TransferMaps,
     picture: GpuPicture,
     read_back: PictureReadBack,
+}
+
+/// Counted from the second frame on: the first brings tables, models, and the place of the volume.
+#[derive(Default)]
+struct TrafficOfFrames {
+    after_first: Option<Traffic>,
+    newest: Traffic,
+    frames: u64,
+    pictures: u64,
+}
+
+impl TrafficOfFrames {
+    fn end_frame(&mut self, gpu: &Gpu) {
+        self.newest = gpu.traffic();
+        if self.after_first.is_some() {
+            self.frames += 1;
+        } else {
+            self.after_first = Some(self.newest);
+            self.pictures = 0;
+        }
+    }
+
+    fn of_a_frame(&self, picture: Size) -> Option<FrameTraffic> {
+        let moved = self.newest.since(self.after_first?);
+        let mean = |bytes: u64| bytes.checked_div(self.frames);
+        Some(FrameTraffic {
+            uploaded: mean(moved.uploaded)?,
+            read_back: mean(moved.read_back)?,
+            picture: mean(self.pictures * 3 * picture.pixels() as u64)?,
+        })
+    }
 }
 
 /// On one grid.
@@ -132,7 +161,6 @@ impl GpuPipeline {
         let view = View::perspective(camera, Pose::identity());
         let step = settings.transfer.subsampling;
         Ok(Self {
-            traffic_before: gpu.traffic(),
             clock: StageClock::new(&gpu)?,
             input: InputPass::new(&gpu, &settings.input)?,
             tracker: GpuTracker::new(&gpu, &settings.tracking, camera)?,
@@ -157,8 +185,7 @@ impl GpuPipeline {
             given_light: None,
             light: None,
             last_pose: None,
-            frames: 0,
-            pictures: 0,
+            traffic: TrafficOfFrames::default(),
             scene,
             camera,
             settings,
@@ -233,7 +260,7 @@ impl GpuPipeline {
         let light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
         self.light = Some(light.clone());
         self.last_pose = Some(tracking.world_from_camera);
-        self.frames += 1;
+        self.traffic.end_frame(&self.gpu);
         let outcome = FrameOutcome {
             index: raw.index,
             timestamp_s: raw.timestamp_s,
@@ -344,7 +371,7 @@ impl GpuPipeline {
             self.show_camera(raw);
         } else if let Some(picture) = self.last.read_back.take(&gpu)? {
             self.composed = picture;
-            self.pictures += 1;
+            self.traffic.pictures += 1;
         }
         Ok(light)
     }
@@ -488,20 +515,13 @@ impl GpuPipeline {
         Ok(shared::mesh_in_world(mesh.unwrap_or_default(), self.origin.as_ref()))
     }
 
-    /// What the run has moved so far; the volume's way back for the mesh is not a frame's.
+    /// What computes, and what the frames so far have moved.
     pub fn record(&self) -> BackendRecord {
-        let moved = self.gpu.traffic().since(self.traffic_before);
-        let a_frame = |bytes: u64| bytes / self.frames.max(1);
-        let picture_bytes = 3 * self.camera.size().pixels() as u64;
         BackendRecord {
             name: "gpu".to_owned(),
             adapter: Some(self.gpu.summary().to_string()),
             clock: self.clock.name().to_owned(),
-            traffic: Some(FrameTraffic {
-                uploaded: a_frame(moved.uploaded),
-                read_back: a_frame(moved.read_back),
-                picture: a_frame(self.pictures * picture_bytes),
-            }),
+            traffic: self.traffic.of_a_frame(self.camera.size()),
         }
     }
 
