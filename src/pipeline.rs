@@ -1,29 +1,40 @@
 //! The order of the stages and what lives from frame to frame; nothing else.
 
+mod backend;
+#[cfg(feature = "gpu")]
+mod fallback;
 mod merged;
+#[cfg(feature = "gpu")]
+mod on_gpu;
 mod origin;
+mod shared;
 #[cfg(test)]
 mod tests;
 
+pub use backend::{Backend, BackendRecord, FrameTraffic};
+#[cfg(feature = "gpu")]
+pub use fallback::WithFallback;
+#[cfg(feature = "gpu")]
+pub use on_gpu::GpuPipeline;
 pub use origin::WorldOrigin;
 
 use crate::capture::{InputStage, RawFrame, RgbdFrame};
 use crate::compositing::{ComposeInput, CompositingStage, ShadingBuffers};
 use crate::config::Settings;
-use crate::fusion::{SurfaceStage, TsdfVolume, place_centre};
+use crate::fusion::{SurfaceStage, TsdfVolume};
 use crate::geometry::{DynGeo, GBuffer};
 use crate::image::Image;
 use crate::lighting::{LightEstimate, LightEstimator, ShLight};
-use crate::math::{Pinhole, Pose, View, sh};
+use crate::math::{Pinhole, Pose, View};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Rasteriser, VirtualScene};
 use crate::timing::{Stage, StageTimes};
-use crate::tracking::{OnLost, Tracker, Tracking, TrackingState};
+use crate::tracking::{Tracker, Tracking, TrackingState};
 use crate::transfer::{
     IndirectMap, MergedScene, RealScene, TransferMap, TransferMethod, TransferStage,
 };
-use glam::Vec3;
 use merged::{MergedMain, MergedSides, Reflection};
+use std::time::{Duration, Instant};
 
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
@@ -35,6 +46,12 @@ pub enum PipelineError {
     Volume(#[from] crate::fusion::FusionError),
     #[error(transparent)]
     Transfer(#[from] crate::transfer::TransferError),
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Gpu(#[from] crate::gpu::GpuError),
+    #[cfg(feature = "gpu")]
+    #[error("the GPU backend has no {0}; take --backend cpu")]
+    NotOnGpu(&'static str),
 }
 
 /// What one frame gave. Poses are in the recording's world.
@@ -48,7 +65,19 @@ pub struct FrameOutcome {
     /// Whether virtual objects were composed: not where the camera is lost.
     pub composed: bool,
     pub times: StageTimes,
+    /// From asking for the frame to having its result, what lies between the stages included.
+    pub duration: Duration,
     pub volume_bytes: usize,
+}
+
+impl FrameOutcome {
+    /// From local coordinates to those of the recording.
+    fn in_recordings_world(mut self, origin: &WorldOrigin) -> Self {
+        self.tracking.world_from_camera = origin.world_from_local(&self.tracking.world_from_camera);
+        let offset = glam::DVec3::from(origin.offset()).as_vec3();
+        self.light.field = self.light.field.translated(offset);
+        self
+    }
 }
 
 /// The map of the room; it exists from the first fused frame on.
@@ -140,14 +169,7 @@ impl Pipeline {
     /// [`Self::shading`]) are gone until the next frame.
     pub fn reconfigure(&mut self, settings: Settings) -> Result<(), PipelineError> {
         let old = &self.settings;
-        let fixed = [
-            ("input", settings.input == old.input),
-            ("tracking", settings.tracking == old.tracking),
-            ("volume", settings.volume == old.volume),
-        ];
-        if let Some(&(section, _)) = fixed.iter().find(|(_, same)| !same) {
-            return Err(PipelineError::Fixed { section });
-        }
+        shared::may_change(old, &settings)?;
         if (&settings.transfer, &settings.bounce) != (&old.transfer, &old.bounce) {
             self.radiance_transfer = TransferStage::new(&settings.transfer, &settings.bounce)?;
         }
@@ -172,8 +194,10 @@ impl Pipeline {
         mut raw: RawFrame,
         mut times: StageTimes,
     ) -> Result<FrameOutcome, PipelineError> {
+        let (start, before) = (Instant::now(), times.update());
         let recorded_pose = raw.world_from_camera;
-        let origin = self.enter_local_world(&mut raw);
+        let origin = shared::local_world(&mut self.origin, &mut self.scene, recorded_pose);
+        raw.world_from_camera = recorded_pose.map(|pose| origin.local_from_world(&pose));
 
         times.measure(Stage::Input, || self.input.prepare(raw, &mut self.last.frame));
         let tracking = times.measure(Stage::Reconstruct, || self.reconstruct())?;
@@ -198,33 +222,20 @@ impl Pipeline {
         let composed = light.is_some();
         self.composed_last = composed;
         let bands = self.settings.transfer.bands;
-        let mut light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
+        let light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
         self.light = Some(light.clone());
-        light.field = light.field.translated(glam::DVec3::from(origin.offset()).as_vec3());
-        Ok(FrameOutcome {
+        let outcome = FrameOutcome {
             index: self.last.frame.index,
             timestamp_s: self.last.frame.timestamp_s,
-            tracking: Tracking {
-                world_from_camera: origin.world_from_local(&tracking.world_from_camera),
-                ..tracking
-            },
+            tracking,
             recorded_pose,
             light,
             composed,
             times,
+            duration: before + start.elapsed(),
             volume_bytes: self.map.as_ref().map_or(0, |m| m.volume.memory_bytes()),
-        })
-    }
-
-    /// Moves the frame, and on the first call the virtual scene, to coordinates near the camera.
-    fn enter_local_world(&mut self, raw: &mut RawFrame) -> WorldOrigin {
-        let origin = *self.origin.get_or_insert_with(|| {
-            let origin = WorldOrigin::near(&raw.world_from_camera.unwrap_or_default());
-            self.scene.translate(origin.local_point([0.0; 3]));
-            origin
-        });
-        raw.world_from_camera = raw.world_from_camera.map(|pose| origin.local_from_world(&pose));
-        origin
+        };
+        Ok(outcome.in_recordings_world(&origin))
     }
 
     /// Camera pose, and integration of well tracked frames into V.
@@ -235,19 +246,10 @@ impl Pipeline {
             Some(map) => map.volume.raycast(view, out),
             None => out.set_view(*view),
         });
-        if tracking.state == TrackingState::Lost {
-            match self.settings.tracking.on_lost {
-                OnLost::Hold | OnLost::Relocalise => {}
-                OnLost::Stop => {
-                    let reason =
-                        tracking.issue.map_or("no reason".into(), |issue| issue.to_string());
-                    return Err(PipelineError::Lost { frame: self.last.frame.index, reason });
-                }
-                OnLost::Reset => {
-                    self.map = None;
-                    self.tracker.reset(tracking.world_from_camera);
-                }
-            }
+        let params = &self.settings.tracking;
+        if shared::begins_anew(params, &tracking, self.last.frame.index)? {
+            self.map = None;
+            self.tracker.reset(tracking.world_from_camera);
         }
         if tracking.may_fuse() {
             let view = View::perspective(self.camera, tracking.world_from_camera);
@@ -263,13 +265,10 @@ impl Pipeline {
 
     /// Places V by the settings or from what this frame sees; none where it sees nothing.
     fn start_map(&self, view: &View) -> Result<Option<Map>, PipelineError> {
-        let params = &self.settings.volume;
-        let centre = match (params.centre, self.origin) {
-            (Some(centre), Some(origin)) => Some(origin.local_point(centre)),
-            _ => place_centre(&self.last.frame, view, params.side_m),
-        };
+        let origin = self.origin.as_ref();
+        let centre = shared::map_centre(&self.settings, origin, &self.last.frame, view);
         let Some(centre) = centre else { return Ok(None) };
-        let volume = TsdfVolume::new(params, centre)?;
+        let volume = TsdfVolume::new(&self.settings.volume, centre)?;
         let surface = SurfaceStage::new(&volume, *view, &self.settings.surface);
         Ok(Some(Map { volume, surface, sides: MergedSides::default() }))
     }
@@ -284,7 +283,7 @@ impl Pipeline {
             let scene = RealScene { volume, main: real, auxiliary: &surface.auxiliary };
             self.radiance_transfer.transfer(scene, real_transfer);
         });
-        let at = light_point(&self.settings, self.origin.as_ref(), &self.scene);
+        let at = shared::light_point(&self.settings, self.origin.as_ref(), &self.scene);
         let light = times.measure(Stage::LightEst, || match &self.given_light {
             Some(light) => LightEstimate::given(light.clone()),
             None => self.estimator.estimate(frame, real, real_transfer, at),
@@ -362,11 +361,8 @@ impl Pipeline {
     /// estimate is, instead of the estimated one; `None` estimates again. Bands beyond those of the
     /// transfer are dropped.
     pub fn set_light(&mut self, light: Option<ShLight>) {
-        self.given_light = light.map(|mut light| {
-            light.bands = light.bands.min(self.settings.transfer.bands);
-            light.coefficients.truncate(sh::coefficients(light.bands));
-            light
-        });
+        let bands = self.settings.transfer.bands;
+        self.given_light = light.map(|light| shared::with_bands(light, bands));
     }
 
     /// The composed picture of the last frame.
@@ -413,28 +409,9 @@ impl Pipeline {
 
     /// The reconstructed surface in the recording's world; empty before the first fused frame.
     pub fn mesh(&self) -> TriangleMesh {
-        let mut mesh = self.map.as_ref().map(|m| m.volume.mesh()).unwrap_or_default();
-        if let Some(origin) = self.origin {
-            let offset = origin.offset();
-            for position in &mut mesh.positions {
-                *position = std::array::from_fn(|i| (f64::from(position[i]) + offset[i]) as f32);
-            }
-        }
-        mesh
+        let mesh = self.map.as_ref().map(|m| m.volume.mesh()).unwrap_or_default();
+        shared::mesh_in_world(mesh, self.origin.as_ref())
     }
-}
-
-/// Where the light is wanted, near the local origin.
-fn light_point(
-    settings: &Settings,
-    origin: Option<&WorldOrigin>,
-    scene: &VirtualScene,
-) -> Option<Vec3> {
-    if let (Some(at), Some(origin)) = (settings.light.at, origin) {
-        return Some(origin.local_point(at));
-    }
-    let (sum, count) = scene.bounds().fold((Vec3::ZERO, 0), |(sum, n), b| (sum + b.centre, n + 1));
-    (count > 0).then(|| sum / count as f32)
 }
 
 impl FrameBuffers {

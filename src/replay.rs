@@ -6,7 +6,7 @@ use crate::eval::light::LightTruth;
 use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
 use crate::math::{Pose, median, quantile};
 use crate::output::{OutputError, RunWriter};
-use crate::pipeline::{FrameOutcome, Pipeline, PipelineError};
+use crate::pipeline::{Backend, BackendRecord, FrameOutcome, PipelineError};
 use crate::timing::{Stage, StageTimes};
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -38,6 +38,7 @@ pub struct ReplaySummary {
     /// Against the recording's light.json, where it has one.
     pub light_error: Option<LightErrors>,
     pub volume_bytes: usize,
+    pub backend: BackendRecord,
 }
 
 /// Distribution over the frames with a valid light.
@@ -72,7 +73,7 @@ struct Tally {
 /// written for the frames until then.
 pub fn replay(
     source: &mut Sequence,
-    pipeline: &mut Pipeline,
+    pipeline: &mut dyn Backend,
     writer: &mut RunWriter,
     governor: Option<&mut Governor>,
     truth: Option<&LightTruth>,
@@ -88,7 +89,7 @@ pub fn replay(
         let reason = source.skipped().first().map_or("it is empty", |s| &s.reason);
         return Err(ReplayError::NoFrames(reason.to_owned()));
     }
-    let summary = tally.summary(source.skipped().to_vec());
+    let summary = tally.summary(source.skipped().to_vec(), pipeline.record());
     let finished = writer.finish(pipeline, &summary);
     // What ended the run comes before what may follow from it: a full disk takes no mesh either.
     ended?;
@@ -98,7 +99,7 @@ pub fn replay(
 
 fn every_frame(
     source: &mut Sequence,
-    pipeline: &mut Pipeline,
+    pipeline: &mut dyn Backend,
     writer: &mut RunWriter,
     mut governor: Option<&mut Governor>,
     on_frame: &mut dyn FnMut(&FrameOutcome),
@@ -140,7 +141,7 @@ impl Tally {
         }
     }
 
-    fn summary(self, skipped: Vec<SkippedFrame>) -> ReplaySummary {
+    fn summary(self, skipped: Vec<SkippedFrame>, backend: BackendRecord) -> ReplaySummary {
         let (estimated, recorded) = (&self.estimated, &self.recorded);
         // Too few poses for an error are no error.
         let absolute = trajectory::absolute_error(estimated, recorded, MATCH_TOLERANCE_S).ok();
@@ -155,6 +156,7 @@ impl Tally {
             relative_error: relative,
             light_error,
             volume_bytes: self.volume_bytes,
+            backend,
         }
     }
 
@@ -199,6 +201,7 @@ impl std::fmt::Display for ReplaySummary {
                 e.median_deg, e.p95_deg, e.frames
             )?;
         }
-        write!(f, "volume: {:.0} MiB", self.volume_bytes as f64 / (1 << 20) as f64)
+        writeln!(f, "volume: {:.0} MiB", self.volume_bytes as f64 / (1 << 20) as f64)?;
+        write!(f, "backend: {}", self.backend)
     }
 }

@@ -1,7 +1,7 @@
 //! A controller in charge of a pipeline.
 
 use super::{Controller, Ladder, Rung};
-use crate::pipeline::{FrameOutcome, Pipeline, PipelineError};
+use crate::pipeline::{Backend, FrameOutcome, PipelineError};
 use std::time::Duration;
 
 /// Keeps a run within its budget, frame by frame.
@@ -73,7 +73,7 @@ impl Governor {
     /// gives the name of the new ones. Frames in which nothing was composed do not count.
     pub fn after_frame(
         &mut self,
-        pipeline: &mut Pipeline,
+        pipeline: &mut dyn Backend,
         outcome: &FrameOutcome,
     ) -> Result<Option<&str>, PipelineError> {
         if !outcome.composed {

@@ -108,6 +108,10 @@ pub struct RunArgs {
     /// Where the computing is done.
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     pub backend: Backend,
+    /// Compute on the graphics device whose name or driver contains this.
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "NAME")]
+    pub adapter: Option<String>,
     /// Where camera poses come from.
     #[arg(long, value_enum)]
     pub poses: Option<Poses>,
@@ -190,10 +194,13 @@ pub struct InfoArgs {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Backend {
-    /// The best that is there.
+    /// The GPU where there is a fit one, else the CPU.
     #[default]
     Auto,
     Cpu,
+    /// The best device, even one that computes in software.
+    #[cfg(feature = "gpu")]
+    Gpu,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -3,13 +3,14 @@
 use super::args::{
     Buffer, CompareArgs, CompareOutput, InfoArgs, Output, ReplayArgs, RunArgs, SynthArgs,
 };
+use super::backend::Device;
 use super::{CliError, Talk, objects, pictures, report, setup};
 use kinlight::budget::{BudgetSummary, Governor};
 use kinlight::capture::{FrameSource, inspect};
 use kinlight::config::Settings;
 use kinlight::eval::light::LightTruth;
 use kinlight::output::{BufferPicture, OutputPlan, RunWriter, TimingSummary, stage_table};
-use kinlight::pipeline::{FrameOutcome, Pipeline};
+use kinlight::pipeline::FrameOutcome;
 use kinlight::replay::{ReplaySummary, replay as run_sequence};
 use kinlight::report::RunRecord;
 use serde_json::json;
@@ -31,7 +32,9 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
         Some(governor) => Pace::Budget(governor),
         None => Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run)?.into()),
     };
-    let done = Run { pace, plan, dump: &args.dump, out: &args.run.out }.go(&args.run, talk)?;
+    let device = Device::choose(&args.run, &[pace.settings()], !args.dump.is_empty())?;
+    let run = Run { pace, plan, dump: &args.dump, out: &args.run.out, device: &device };
+    let done = run.go(&args.run, talk)?;
     if !leave_out(Output::Report) {
         report::write_page(&args.run.out)?;
     }
@@ -61,11 +64,14 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
         paces.push(Pace::Preset(name, setup::settings(name, &args.run)?.into()));
     }
     paces.extend(setup::governor(&args.run)?.map(Pace::Budget));
+    let device =
+        Device::choose(&args.run, &paces.iter().map(Pace::settings).collect::<Vec<_>>(), false)?;
     let mut done = Vec::new();
     for pace in paces {
         let plan = OutputPlan { frames: args.frames_out, timings: true, ..OutputPlan::NOTHING };
         let out = args.run.out.join(pace.name());
-        done.push(Run { pace, plan, dump: &[], out: &out }.go(&args.run, talk)?);
+        let run = Run { pace, plan, dump: &[], out: &out, device: &device };
+        done.push(run.go(&args.run, talk)?);
     }
     if !args.without.contains(&CompareOutput::Report) {
         report::write_page(&args.run.out)?;
@@ -127,6 +133,14 @@ impl Pace<'_> {
             Pace::Budget(_) => "budget",
         }
     }
+
+    /// At the start.
+    fn settings(&self) -> &Settings {
+        match self {
+            Pace::Preset(_, settings) => settings,
+            Pace::Budget(governor) => &governor.rung().settings,
+        }
+    }
 }
 
 /// One pass over a sequence.
@@ -135,6 +149,7 @@ struct Run<'a> {
     plan: OutputPlan,
     dump: &'a [Buffer],
     out: &'a Path,
+    device: &'a Device,
 }
 
 /// What it came to.
@@ -157,7 +172,9 @@ impl Run<'_> {
                 (governor.rung().name.clone(), governor.rung().settings.clone(), Some(governor))
             }
         };
-        let mut pipeline = Pipeline::new(settings, source.camera(), scene)
+        let mut pipeline = self
+            .device
+            .pipeline(settings, source.camera(), scene)
             .map_err(|e| CliError::Run(e.to_string()))?;
         let buffers = self.dump.iter().map(|&buffer| {
             let picture: BufferPicture = Box::new(move |p| pictures::of(buffer, p));
@@ -165,7 +182,7 @@ impl Run<'_> {
         });
         let buffers = buffers.collect();
         let mut writer =
-            RunWriter::create(self.out, self.plan, &pipeline, buffers, args.warm_up, &setting)
+            RunWriter::create(self.out, self.plan, &*pipeline, buffers, args.warm_up, &setting)
                 .map_err(|e| CliError::Output(e.to_string()))?;
 
         let bar = talk.progress(source.len().unwrap_or(0));
@@ -176,7 +193,7 @@ impl Run<'_> {
         };
         let summary = run_sequence(
             &mut source,
-            &mut pipeline,
+            &mut *pipeline,
             &mut writer,
             governor.as_mut(),
             truth.as_ref(),
@@ -184,7 +201,7 @@ impl Run<'_> {
         );
         bar.finish_and_clear();
         let summary = summary?;
-        RunRecord::here(&name, &args.sequence)
+        RunRecord::here(&name, &args.sequence, pipeline.record())
             .write(self.out)
             .map_err(|e| CliError::Output(e.to_string()))?;
         Ok(Done {

@@ -1,6 +1,7 @@
 //! The command line: reads it, calls the library, says what came out.
 
 mod args;
+mod backend;
 mod commands;
 #[cfg(feature = "gpu")]
 mod doctor;

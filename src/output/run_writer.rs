@@ -7,7 +7,7 @@ use super::{
 };
 use crate::image::Image;
 use crate::lighting::LightChannels;
-use crate::pipeline::{FrameOutcome, Pipeline};
+use crate::pipeline::{Backend, BackendRecord, FrameOutcome, Pipeline};
 use std::path::{Path, PathBuf};
 
 /// Rows of `environment.hdr`; it is twice as wide.
@@ -50,7 +50,7 @@ impl OutputPlan {
     };
 }
 
-/// Makes a picture of one buffer of the pipeline; `None` where there is none in this frame.
+/// Makes a picture of one buffer in the host's memory; `None` where there is none in this frame.
 pub type BufferPicture = Box<dyn Fn(&Pipeline) -> Option<Image<[u8; 3]>> + Send>;
 
 /// Writes a run into one folder. Logs are valid after every frame; whole files appear at once.
@@ -65,6 +65,7 @@ pub struct RunWriter {
     warm_up: usize,
     timings: Vec<FrameTiming>,
     setting: String,
+    backend: BackendRecord,
 }
 
 impl RunWriter {
@@ -74,7 +75,7 @@ impl RunWriter {
     pub fn create(
         folder: &Path,
         plan: OutputPlan,
-        pipeline: &Pipeline,
+        pipeline: &dyn Backend,
         buffers: Vec<(String, BufferPicture)>,
         warm_up: usize,
         setting: &str,
@@ -109,6 +110,7 @@ impl RunWriter {
             warm_up,
             timings: Vec::new(),
             setting: setting.to_owned(),
+            backend: pipeline.record(),
         })
     }
 
@@ -120,7 +122,7 @@ impl RunWriter {
 
     pub fn frame(
         &mut self,
-        pipeline: &Pipeline,
+        pipeline: &dyn Backend,
         outcome: &FrameOutcome,
     ) -> Result<(), OutputError> {
         let name = format!("{:06}.png", outcome.index);
@@ -128,7 +130,7 @@ impl RunWriter {
             write_color_png(&self.folder.join("frames").join(&name), pipeline.composed())?;
         }
         for (buffer, picture) in &self.buffers {
-            if let Some(picture) = picture(pipeline) {
+            if let Some(picture) = pipeline.on_host().and_then(picture) {
                 write_color_png(&self.folder.join(buffer).join(&name), &picture)?;
             }
         }
@@ -152,14 +154,18 @@ impl RunWriter {
     /// Writes what is known only at the end.
     pub fn finish(
         &mut self,
-        pipeline: &Pipeline,
+        pipeline: &dyn Backend,
         summary: &impl serde::Serialize,
     ) -> Result<(), OutputError> {
+        self.backend = pipeline.record();
         if let Some(video) = self.video.take() {
             video.finish()?;
         }
         if self.plan.mesh {
-            write_ply(&self.folder.join("mesh.ply"), &pipeline.mesh())?;
+            match pipeline.mesh() {
+                Ok(mesh) => write_ply(&self.folder.join("mesh.ply"), &mesh)?,
+                Err(problem) => log::error!("no mesh.ply: {problem}"),
+            }
         }
         if let (true, Some(light)) = (self.plan.environment, pipeline.light()) {
             let path = self.folder.join("environment.hdr");
@@ -175,7 +181,9 @@ impl RunWriter {
     /// Stage times after warm-up; `None` before any frame.
     pub fn timing_summary(&self) -> Option<TimingSummary> {
         let warm_up = self.warm_up.min(self.timings.len().saturating_sub(1));
-        TimingSummary::new(&self.timings, warm_up)
+        let mut summary = TimingSummary::new(&self.timings, warm_up)?;
+        summary.backend = Some(self.backend.clone());
+        Some(summary)
     }
 }
 
@@ -183,7 +191,7 @@ fn make_folder(path: &Path) -> Result<(), OutputError> {
     std::fs::create_dir_all(path).map_err(|e| OutputError::io(path, e))
 }
 
-fn start_video(path: &Path, pipeline: &Pipeline) -> Result<Option<Video>, OutputError> {
+fn start_video(path: &Path, pipeline: &dyn Backend) -> Result<Option<Video>, OutputError> {
     match Video::start(path, pipeline.composed().size(), VIDEO_FRAMES_PER_S)? {
         VideoStart::Started(video) => Ok(Some(video)),
         VideoStart::Unavailable(reason) => {
@@ -216,7 +224,7 @@ fn frame_timing(outcome: &FrameOutcome, setting: &str) -> FrameTiming {
     FrameTiming {
         frame: outcome.index,
         timestamp_s: outcome.timestamp_s,
-        duration: outcome.times.update(),
+        duration: outcome.duration,
         stages: outcome.times,
         position_m: outcome.tracking.world_from_camera.translation.vector.into(),
         state: outcome.tracking.state,

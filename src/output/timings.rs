@@ -3,6 +3,7 @@
 
 use super::{LineWriter, OutputError, atomic_write};
 use crate::math::{median, quantile};
+use crate::pipeline::BackendRecord;
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::TrackingState;
 use serde::{Deserialize, Serialize};
@@ -77,6 +78,9 @@ pub struct TimingSummary {
     pub duration: Quantiles,
     #[serde(serialize_with = "by_name", deserialize_with = "from_names")]
     stages: [Quantiles; Stage::ALL.len()],
+    /// What computed; not in older files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub backend: Option<BackendRecord>,
 }
 
 impl TimingSummary {
@@ -94,6 +98,7 @@ impl TimingSummary {
             update,
             duration: over_frames(&|t| t.duration),
             stages: Stage::ALL.map(|stage| over_frames(&|t| t.stages.get(stage))),
+            backend: None,
         })
     }
 

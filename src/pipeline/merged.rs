@@ -1,15 +1,15 @@
 //! Geometry buffers with the virtual scene drawn into them, and what their pixels radiate. Each is made
 //! anew only where it would come out differently.
 
+use super::shared::PlacedObjects;
 use crate::compositing::VirtualLayer;
 use crate::fusion::{Shown, SurfaceStage};
 use crate::geometry::GBuffer;
 use crate::image::Image;
 use crate::lighting::ShLight;
 use crate::lighting::exitant::{DominantLight, exitant_radiance, exitant_radiance_within};
-use crate::scene::{DrawReport, Model, Rasteriser, Similarity, VirtualScene};
+use crate::scene::{DrawReport, Rasteriser, VirtualScene};
 use std::ops::Range;
-use std::sync::Arc;
 
 /// What virtual surfaces reflect.
 #[derive(Clone, Copy)]
@@ -86,8 +86,8 @@ impl MergedMain {
 /// has moved are they drawn again.
 #[derive(Default)]
 pub struct MergedSides {
-    /// Placed objects that are drawn.
-    objects: Vec<(Arc<Model>, Similarity)>,
+    /// Those that are drawn.
+    objects: PlacedObjects,
     views: Vec<SideView>,
     pub buffers: Vec<GBuffer>,
     pub radiance: Vec<Image<[f32; 3]>>,
@@ -116,7 +116,9 @@ impl MergedSides {
         scene: &VirtualScene,
         surface: &SurfaceStage,
     ) -> bool {
-        self.follow(scene);
+        if self.objects.follow(scene) {
+            self.views.iter_mut().for_each(|view| view.drawn = None);
+        }
         let count = surface.auxiliary.len();
         self.views.resize_with(count, SideView::default);
         self.radiance.resize_with(count, Image::default);
@@ -133,21 +135,6 @@ impl MergedSides {
             }
         }
         self.views.iter().any(|view| view.report.pixels > 0)
-    }
-
-    /// Has all views drawn again where an object has come, gone or moved.
-    fn follow(&mut self, scene: &VirtualScene) {
-        let placed =
-            || scene.objects.iter().filter_map(|o| Some((&o.model, o.world_from_object()?)));
-        let mut known = self.objects.iter();
-        let same = placed().all(|(model, place)| {
-            known.next().is_some_and(|(m, p)| Arc::ptr_eq(m, model) && *p == place)
-        }) && known.next().is_none();
-        if !same {
-            self.objects.clear();
-            self.objects.extend(placed().map(|(model, place)| (model.clone(), place)));
-            self.views.iter_mut().for_each(|view| view.drawn = None);
-        }
     }
 
     /// Side views have no colour: all but virtual surfaces is dark.

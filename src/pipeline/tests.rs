@@ -5,9 +5,11 @@ use crate::compositing::VirtualLayer;
 use crate::geometry::Origin;
 use crate::image::Size;
 use crate::lighting::exitant::{DominantLight, exitant_radiance};
+use crate::math::sh;
 use crate::scene::analytic::AnalyticScene;
 use crate::scene::{Model, Similarity, VirtualObject};
 use crate::tracking::PoseMode;
+use glam::Vec3;
 use std::sync::Arc;
 
 const SIZE: Size = Size::new(67, 43);
@@ -47,6 +49,7 @@ fn settings() -> Settings {
     (settings.surface.left, settings.surface.right) = (true, true);
     settings.surface.warm_up_updates = 2;
     settings.transfer.subsampling = 2;
+    (settings.surface.left, settings.surface.right) = (true, true);
     settings
 }
 

@@ -1,6 +1,7 @@
 //! `run.json`: what made a folder of results.
 
 use crate::output::{OutputError, atomic_write};
+use crate::pipeline::BackendRecord;
 use crate::study::Machine;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -18,15 +19,15 @@ pub struct RunRecord {
 }
 
 impl RunRecord {
-    /// Of this process: its command line and its machine.
-    pub fn here(preset: &str, sequence: &Path) -> Self {
+    /// Of this process: its command line and its machine; `backend` is what computed.
+    pub fn here(preset: &str, sequence: &Path, backend: BackendRecord) -> Self {
         let arguments = std::env::args_os().skip(1).map(|a| quoted(&a.to_string_lossy()));
         let words: Vec<String> = std::iter::once("kinlight".to_owned()).chain(arguments).collect();
         Self {
             preset: preset.to_owned(),
             sequence: sequence.display().to_string(),
             command: words.join(" "),
-            machine: Machine::here(),
+            machine: Machine { backend: backend.name, ..Machine::here() },
         }
     }
 
@@ -60,7 +61,7 @@ mod tests {
     #[test]
     fn a_record_comes_back() {
         let folder = tempfile::tempdir().unwrap();
-        let record = RunRecord::here("ours", Path::new("sequences/demo"));
+        let record = RunRecord::here("ours", Path::new("sequences/demo"), BackendRecord::cpu());
         record.write(folder.path()).unwrap();
         let text = std::fs::read(folder.path().join(RUN_RECORD)).unwrap();
         assert_eq!(serde_json::from_slice::<RunRecord>(&text).unwrap(), record);

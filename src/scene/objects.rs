@@ -155,6 +155,13 @@ impl VirtualScene {
         self.objects.iter().filter(|o| matches!(o.placement, Placement::Pending(_))).count()
     }
 
+    /// Whether an object looks for its place in this frame.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn waits_at(&self, frame: usize) -> bool {
+        let mut objects = self.objects.iter();
+        objects.any(|o| matches!(&o.placement, Placement::Pending(anchor) if anchor.frame <= frame))
+    }
+
     /// World-space spheres around the objects that have a place.
     pub fn bounds(&self) -> impl Iterator<Item = BoundingSphere> {
         self.objects.iter().filter_map(VirtualObject::bounds)

@@ -136,6 +136,14 @@ impl LightSamplesPass {
         })
     }
 
+    /// Takes other parameters with `renewed`, made for frames of the same size; what the next frame is compared
+    /// with is kept.
+    pub fn replace_by(&mut self, renewed: Self) {
+        let old = std::mem::replace(self, renewed);
+        self.last = old.last;
+        self.last_view = old.last_view;
+    }
+
     /// Picks samples of a frame and has them read back.
     ///
     /// # Panics

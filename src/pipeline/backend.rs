@@ -1,0 +1,115 @@
+//! A pipeline, wherever its stages run.
+
+use super::{FrameOutcome, Pipeline, PipelineError};
+use crate::capture::RawFrame;
+use crate::config::Settings;
+use crate::image::Image;
+use crate::lighting::LightEstimate;
+use crate::mesh::TriangleMesh;
+use crate::timing::StageTimes;
+
+/// What runs need of a pipeline; [`Pipeline`] says what each of it is.
+pub trait Backend {
+    fn process(&mut self, raw: RawFrame, times: StageTimes) -> Result<FrameOutcome, PipelineError>;
+
+    fn reconfigure(&mut self, settings: Settings) -> Result<(), PipelineError>;
+
+    fn composed(&self) -> &Image<[u8; 3]>;
+
+    fn settings(&self) -> &Settings;
+
+    fn light(&self) -> Option<&LightEstimate>;
+
+    fn mesh(&self) -> Result<TriangleMesh, PipelineError>;
+
+    /// What computes, for the files of a run.
+    fn record(&self) -> BackendRecord;
+
+    /// The pipeline whose buffers are in the host's memory, if this is one.
+    fn on_host(&self) -> Option<&Pipeline>;
+}
+
+/// What computed.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct BackendRecord {
+    /// "cpu" or "gpu"; "gpu, then cpu" where the device was lost.
+    pub name: String,
+    /// Of the GPU, with its driver.
+    pub adapter: Option<String>,
+    /// What the stage times were measured with.
+    pub clock: String,
+    /// Between host and device; from two frames on.
+    pub traffic: Option<FrameTraffic>,
+}
+
+/// Mean bytes a frame, the first left out, which also brings tables and models.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct FrameTraffic {
+    /// Pictures, parameters and objects.
+    pub uploaded: u64,
+    /// Sums, counters, light samples, pass times, and the composed picture.
+    pub read_back: u64,
+    /// The part of `read_back` that is the composed picture.
+    pub picture: u64,
+}
+
+impl BackendRecord {
+    pub fn cpu() -> Self {
+        let clock = "host".to_owned();
+        Self { name: "cpu".to_owned(), adapter: None, clock, traffic: None }
+    }
+}
+
+impl std::fmt::Display for BackendRecord {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.name)?;
+        if let Some(adapter) = &self.adapter {
+            write!(f, ": {adapter}")?;
+        }
+        if let Some(FrameTraffic { uploaded, read_back, picture }) = self.traffic {
+            let kib = |bytes: u64| bytes as f64 / 1024.0;
+            write!(
+                f,
+                "; {:.0} KiB up and {:.0} KiB back a frame, {:.0} KiB of it the picture",
+                kib(uploaded),
+                kib(read_back),
+                kib(picture)
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Backend for Pipeline {
+    fn process(&mut self, raw: RawFrame, times: StageTimes) -> Result<FrameOutcome, PipelineError> {
+        self.process(raw, times)
+    }
+
+    fn reconfigure(&mut self, settings: Settings) -> Result<(), PipelineError> {
+        self.reconfigure(settings)
+    }
+
+    fn composed(&self) -> &Image<[u8; 3]> {
+        self.composed()
+    }
+
+    fn settings(&self) -> &Settings {
+        self.settings()
+    }
+
+    fn light(&self) -> Option<&LightEstimate> {
+        self.light()
+    }
+
+    fn mesh(&self) -> Result<TriangleMesh, PipelineError> {
+        Ok(self.mesh())
+    }
+
+    fn record(&self) -> BackendRecord {
+        BackendRecord::cpu()
+    }
+
+    fn on_host(&self) -> Option<&Pipeline> {
+        Some(self)
+    }
+}
