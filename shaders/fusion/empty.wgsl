@@ -20,11 +20,12 @@ fn empty_side(voxel: vec3u) -> u32 {
     return select(4u, 2u, octant != 0u);
 }
 
-// Depth just past the cube around a voxel whose side is a power of two.
-fn leave(origin: vec3f, inverse: vec3f, voxel: vec3u, side: u32) -> f32 {
+// Depth just past the cube around a voxel whose side is a power of two, and past a margin around it.
+fn leave(origin: vec3f, inverse: vec3f, voxel: vec3u, side: u32, margin: u32) -> f32 {
     // a voxel's share of space ends half a voxel from its centre
     let low = vec3f(voxel & ~vec3u(side - 1u)) - 0.5;
-    let end = select(low - NUDGE, low + f32(side) + NUDGE, inverse > vec3f(0.0));
+    let after = low + f32(side) + f32(margin) + NUDGE;
+    let end = select(low - f32(margin) - NUDGE, after, inverse > vec3f(0.0));
     let depth = (end - origin) * inverse;
     return min(min(depth.x, depth.y), depth.z);
 }

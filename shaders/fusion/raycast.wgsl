@@ -1,11 +1,8 @@
 // Depth and normals of the volume's surfaces in a view, perspective or orthographic: a ray for every pixel
 // centre, a workgroup for every tile. A surface is where distances along the ray turn from positive to
 // negative (a front face) between voxels that were seen.
-// Constants: TILE, pixels a side of a tile; CAST_NEAREST_M; LEAST_COMPONENT of a direction; MIN_STEP,
-// STEP_SHARE, STEP_BEYOND, MAX_STEP, in voxels; CLOSE, voxels, and REFINEMENTS of a crossing.
-#import fusion/empty
-#import fusion/rays
-#import fusion/sample
+// Constants: TILE, pixels a side of a tile; CAST_NEAREST_M; CLOSE, voxels, and REFINEMENTS of a crossing.
+#import fusion/walk
 
 struct RaycastUniform {
     rays: Rays,
@@ -36,12 +33,6 @@ struct Range {
     far: f32,
 }
 
-// In voxels.
-struct Distance {
-    value: f32,
-    is_known: bool,
-}
-
 // Where distances turn from positive (a) to negative (b).
 struct Bracket {
     is_found: bool,
@@ -49,17 +40,6 @@ struct Bracket {
     at_a: f32,
     b: f32,
     at_b: f32,
-}
-
-// Kept in the volume.
-fn point_at(ray: Ray, t: f32) -> vec3f {
-    return clamp(ray.origin + ray.direction * t, vec3f(0.0), vec3f(params.last));
-}
-
-fn trilinear(point: vec3f) -> Distance {
-    let base = min(vec3u(point), vec3u(highest_voxel() - 1u));
-    let cell = cell_at(point, base);
-    return Distance(value_in(cell) * params.scale, cell.is_known);
 }
 
 // Follows the distances from the near end (as a sphere tracer does). Bricks without surface are passed
@@ -76,7 +56,7 @@ fn march(ray: Ray, range: Range) -> Bracket {
         let voxel = vec3u(point + 0.5);
         let side = empty_side(voxel);
         if side != 0u {
-            t = max(leave(ray.origin, inverse, voxel, side), t + NUDGE * per_voxel);
+            t = max(leave(ray.origin, inverse, voxel, side, 0u), t + NUDGE * per_voxel);
             at_a = -1.0;
             continue;
         }
@@ -86,8 +66,7 @@ fn march(ray: Ray, range: Range) -> Bracket {
         }
         a = t;
         at_a = select(-1.0, distance.value, distance.is_known && distance.value > 0.0);
-        let wanted = abs(distance.value) * STEP_SHARE + STEP_BEYOND;
-        t += select(MIN_STEP, clamp(wanted, MIN_STEP, MAX_STEP), distance.is_known) * per_voxel;
+        t += step_at(distance) * per_voxel;
     }
     return Bracket(false, 0.0, 0.0, 0.0, 0.0);
 }
@@ -151,11 +130,6 @@ fn meet(ray: Ray, range: Range) -> vec4f {
     }
     let normal = normal_at(point_at(ray, depth_m), ray.direction);
     return select(vec4f(0.0), vec4f(normal, depth_m), any(normal != vec3f(0.0)));
-}
-
-// A ray along an axis never crosses the planes of the others: far away, not 0/0.
-fn away_from_zero(direction: vec3f) -> vec3f {
-    return select(direction, vec3f(LEAST_COMPONENT), abs(direction) < vec3f(LEAST_COMPONENT));
 }
 
 // The part of the tile's range that lies in the volume; near > far where there is none.

@@ -54,6 +54,7 @@ pub mod library {
         "fusion/survey_x",
         "fusion/tiles",
         "fusion/voxels",
+        "fusion/walk",
         "input/color",
         "input/depth",
         "light_samples/candidates",
@@ -84,6 +85,18 @@ pub mod library {
         "transfer/merged",
         "transfer/real",
         "transfer/sampling",
+        "transfer_traced/again",
+        "transfer_traced/cells",
+        "transfer_traced/interpolate",
+        "transfer_traced/objects",
+        "transfer_traced/plan",
+        "transfer_traced/points",
+        "transfer_traced/project",
+        "transfer_traced/refine",
+        "transfer_traced/smooth",
+        "transfer_traced/surfaces",
+        "transfer_traced/triangles",
+        "transfer_traced/volume",
     ];
 
     /// The text of a file.

@@ -85,6 +85,16 @@ pub struct Bvh {
     items: Vec<u32>,
 }
 
+/// A node in a list without pointers to children: the first child follows its parent.
+#[cfg(feature = "gpu")]
+pub(crate) struct FlatNode {
+    pub bounds: Aabb,
+    /// Index of the node that follows where this one's box is missed.
+    pub next: usize,
+    /// Of [`Bvh::items`]; none where the node is not a leaf.
+    pub items: std::ops::Range<usize>,
+}
+
 const BINS: usize = 12;
 const LEAF: usize = 2;
 /// Depth that the traversal stack holds; deeper nodes become leaves.
@@ -128,6 +138,34 @@ impl Bvh {
         self.nodes[node] = Node { bounds: whole, start: left as u32, count: 0 };
         self.split(bounds, left, start, start + middle, depth + 1);
         self.split(bounds, left + 1, start + middle, end, depth + 1);
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn items(&self) -> &[u32] {
+        &self.items
+    }
+
+    /// All nodes depth first, for searches that need neither order nor stack.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn flattened(&self) -> Vec<FlatNode> {
+        let mut flat = Vec::with_capacity(self.nodes.len());
+        if !self.items.is_empty() {
+            self.flatten(0, &mut flat);
+        }
+        flat
+    }
+
+    #[cfg(feature = "gpu")]
+    fn flatten(&self, index: usize, flat: &mut Vec<FlatNode>) {
+        let Node { bounds, start, count } = self.nodes[index];
+        let (start, count, here) = (start as usize, count as usize, flat.len());
+        let items = if count > 0 { start..start + count } else { 0..0 };
+        flat.push(FlatNode { bounds, next: 0, items });
+        if count == 0 {
+            self.flatten(start, flat);
+            self.flatten(start + 1, flat);
+        }
+        flat[here].next = flat.len();
     }
 
     /// Calls `visit(item, t_max)` for items whose box the ray meets before `t_max`, near ones

@@ -21,5 +21,7 @@ pub use objects::{Placement, Similarity, VirtualObject, VirtualScene};
 pub use raster::{DrawReport, Rasteriser};
 pub use rays::SceneRays;
 #[cfg(feature = "gpu")]
+pub(crate) use rays::corners as triangle_corners;
+#[cfg(feature = "gpu")]
 pub(crate) use texture::MAX_TAPS as TEXTURE_TAPS;
 pub use texture::{Texture, Wrap};

@@ -16,11 +16,14 @@ pub struct SceneRays {
     instances: Vec<Instance>,
 }
 
+/// An object that has a place.
 #[derive(Debug)]
-struct Instance {
-    model: usize,
-    object_from_world: Affine3A,
-    bounds: BoundingSphere,
+pub(crate) struct Instance {
+    /// Index of its model.
+    pub model: usize,
+    pub object_from_world: Affine3A,
+    /// World-space sphere around it.
+    pub bounds: BoundingSphere,
 }
 
 impl SceneRays {
@@ -42,6 +45,17 @@ impl SceneRays {
             let bounds = BoundingSphere { radius: bounds.radius * 1.001 + 1e-5, ..bounds };
             self.instances.push(Instance { model, object_from_world, bounds });
         }
+    }
+
+    /// Models that objects show.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn models(&self) -> &[(Arc<Model>, Bvh)] {
+        &self.models
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn instances(&self) -> &[Instance] {
+        &self.instances
     }
 
     pub fn is_empty(&self) -> bool {
@@ -99,7 +113,7 @@ fn hierarchy(model: &Model) -> Bvh {
     Bvh::build(&boxes)
 }
 
-fn corners(model: &Model, triangle: usize) -> [Vec3A; 3] {
+pub(crate) fn corners(model: &Model, triangle: usize) -> [Vec3A; 3] {
     model.triangles()[triangle].map(|i| model.vertices()[i as usize].position.into())
 }
 

@@ -41,7 +41,7 @@ pub(crate) mod test_support;
 mod tests;
 #[cfg(test)]
 mod time_tests;
-mod traced;
+pub(crate) mod traced;
 #[cfg(test)]
 mod truth_tests;
 #[cfg(test)]
@@ -224,13 +224,18 @@ impl TransferParams {
     }
 
     /// Whether pixels between the grid's points get transfer too.
-    fn refines(&self) -> bool {
+    pub(crate) fn refines(&self) -> bool {
         self.refine && self.subsampling > 1
+    }
+
+    /// Ray-traced transfer is given on every n-th pixel in x and y.
+    pub(crate) fn result_step(&self) -> usize {
+        if self.refines() { 1 } else { self.subsampling }
     }
 
     /// The grid that ray-traced transfer is given on.
     fn results(&self, image: Size) -> Grid {
-        Grid::new(image, if self.refines() { 1 } else { self.subsampling }, 1)
+        Grid::new(image, self.result_step(), 1)
     }
 }
 

@@ -4,7 +4,9 @@ use super::*;
 use crate::geometry::{GBuffer, Origin};
 use crate::math::{Orthographic, Pinhole, Pose, Projection, View};
 use crate::scene::analytic::{AnalyticScene, Shape};
+use crate::scene::{Model, PartData, Similarity, Vertex, VirtualObject, VirtualScene};
 use glam::{DMat3, DVec3, Vec3};
+use std::sync::Arc;
 
 pub const FLOOR: Shape = Shape::Plane { normal: Vec3::Z, offset: 0.0 };
 
@@ -84,4 +86,25 @@ pub fn paint_virtual(before: &GBuffer, mut merged: GBuffer) -> GBuffer {
         }
     }
     merged
+}
+
+/// A box without a lid or bottom stands on the floor: four upright walls of 0.2 m by 0.3 m.
+pub fn fence(at: Vec3) -> VirtualScene {
+    let (a, h) = (0.1, 0.3);
+    let base = [[-a, 0.0, -a], [a, 0.0, -a], [a, 0.0, a], [-a, 0.0, a]];
+    let mut vertices = Vec::new();
+    let mut triangles = Vec::new();
+    for k in 0..4 {
+        let (p, q) = (Vec3::from(base[k]), Vec3::from(base[(k + 1) % 4]));
+        let normal = (q - p).cross(Vec3::Y).normalize();
+        let first = vertices.len() as u32;
+        for position in [p, q, q + Vec3::Y * h, p + Vec3::Y * h] {
+            vertices.push(Vertex { position, normal, ..Vertex::default() });
+        }
+        triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    let part = PartData { vertices, triangles, ..PartData::default() };
+    let model = Arc::new(Model::new("fence", vec![part]).unwrap());
+    let pose = Similarity::standing(at, Vec3::Z, 0.3, 1.0);
+    VirtualScene::from_objects([VirtualObject::placed(model, pose)])
 }

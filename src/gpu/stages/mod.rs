@@ -11,6 +11,7 @@ mod dyn_geo;
 
 mod transfer;
 mod transfer_map;
+mod transfer_traced;
 
 mod light_samples;
 
@@ -33,6 +34,7 @@ pub use raster::{Drawn, RasterPass};
 pub use tracking::{GpuTracker, RenderModel};
 pub use transfer::{GpuBuffers, GpuRadiance, MAX_VIEWS, TransferPass};
 pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
+pub use transfer_traced::TracedTransferPass;
 pub use virtual_layer::GpuVirtualLayer;
 
 /// Every shader of every stage, with constants that it may get: for tests that need no device.
@@ -44,6 +46,7 @@ pub(super) fn shaders() -> Vec<super::Shader> {
         fusion::shaders(),
         dyn_geo::shaders(),
         transfer::shaders(),
+        transfer_traced::shaders(),
         light_samples::shaders(),
         exitant::shaders().into(),
         raster::shaders(),

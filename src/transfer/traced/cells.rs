@@ -1,14 +1,14 @@
 //! Adaptive refinement: between coarse points that lie on one smooth surface transfer is
 //! interpolated; across edges of depth or normals every pixel gets rays of its own.
 
-use super::super::batch::Grid;
+use super::super::batch::{Grid, grid_pixel};
 use super::super::{TransferMap, TransferParams};
 use super::points::{Surface, Surfaces};
 use rayon::prelude::*;
 
 /// How far two points of one smooth surface may differ.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Smooth {
+pub(crate) struct Smooth {
     /// Distance of either from the other's tangent plane, metres.
     pub depth_m: f32,
     /// Least cosine between the normals.
@@ -34,10 +34,10 @@ impl Smooth {
 /// Where a pixel lies along an axis: the coarse points before and after it, and the share of the
 /// second.
 #[derive(Clone, Copy, Debug)]
-struct Between {
-    first: u32,
-    second: u32,
-    share: f32,
+pub(crate) struct Between {
+    pub first: u32,
+    pub second: u32,
+    pub share: f32,
 }
 
 /// Cells between four coarse points each; cell (i, j) starts at coarse point (i, j).
@@ -55,8 +55,8 @@ impl Cells {
         let size = surfaces.buffer.size();
         let width = grid.width;
         self.width = width;
-        place(&mut self.columns, grid, grid.width, size.width);
-        place(&mut self.rows, grid, grid.height, size.height);
+        place(&mut self.columns, grid.step, size.width);
+        place(&mut self.rows, grid.step, size.height);
         self.points.resize(grid.width * grid.height, None);
         self.smooth.resize(grid.width * grid.height, false);
         if self.points.is_empty() {
@@ -124,14 +124,15 @@ fn all_join(corners: [Option<Surface>; 4], smooth: Smooth) -> bool {
     [(a, b), (a, c), (a, d), (b, c), (b, d), (c, d)].iter().all(|(p, q)| smooth.joins(p, q))
 }
 
-/// Beyond the outermost coarse points their own values are taken.
-fn place(out: &mut Vec<Between>, grid: &Grid, count: usize, length: usize) {
+/// Every pixel of an axis between coarse points on each `step`-th. Beyond the outermost coarse points
+/// their own values are taken.
+pub(crate) fn place(out: &mut Vec<Between>, step: usize, length: usize) {
+    let count = length.div_ceil(step);
     out.clear();
     out.extend((0..length).map(|pixel| {
-        let first = pixel.saturating_sub(grid.step / 2) / grid.step;
-        let first = first.min(count - 1);
+        let first = (pixel.saturating_sub(step / 2) / step).min(count - 1);
         let second = (first + 1).min(count - 1);
-        let (a, b) = (grid.pixel(first, length), grid.pixel(second, length));
+        let (a, b) = (grid_pixel(step, first, length), grid_pixel(step, second, length));
         let share = if b > a { (pixel as f32 - a as f32) / (b - a) as f32 } else { 0.0 };
         Between { first: first as u32, second: second as u32, share: share.clamp(0.0, 1.0) }
     }));

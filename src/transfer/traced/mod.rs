@@ -24,10 +24,16 @@ use super::{TransferError, TransferMap, TransferParams};
 use crate::fusion::{EmptySpace, Occlusion, TsdfVolume};
 use crate::geometry::GBuffer;
 use crate::scene::{SceneRays, VirtualScene};
-use cells::{Cells, Smooth};
+use cells::Cells;
 use passes::{Before, Between, Rows, Trail, refine, refine_again, trace_grid, trace_grid_again};
 use points::Surfaces;
 use tracer::Tracer;
+
+pub(crate) use cells::Smooth;
+#[cfg(feature = "gpu")]
+pub(crate) use cells::place;
+#[cfg(feature = "gpu")]
+pub(crate) use tracer::{OBJECT_LIFT_M, volume_lift_m};
 
 mod cells;
 mod passes;
@@ -78,6 +84,13 @@ impl RayTracedTransfer {
             trail: Trail::default(),
             refined: Refined::default(),
         })
+    }
+
+    /// What the volume hides from each grid point of the last real pass: a bit for each direction, in
+    /// words of 32.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn hits(&self) -> &[u32] {
+        self.trail.hits()
     }
 
     /// Transfer of every grid point of `main`; of every pixel, with refinement.

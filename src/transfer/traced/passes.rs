@@ -36,6 +36,11 @@ impl Trail {
         self.hits.resize(points * self.words, 0);
     }
 
+    #[cfg(all(test, feature = "gpu"))]
+    pub fn hits(&self) -> &[u32] {
+        &self.hits
+    }
+
     pub fn fits(&self, points: usize) -> bool {
         self.how.len() == points
     }

@@ -9,10 +9,9 @@ use crate::fusion::VolumeParams;
 use crate::geometry::Origin;
 use crate::math::View;
 use crate::math::sh::unoccluded_transfer;
+use crate::scene::Rasteriser;
 use crate::scene::analytic::{AnalyticScene, Shape};
-use crate::scene::{Model, PartData, Rasteriser, Similarity, Vertex, VirtualObject};
 use glam::Vec3;
-use std::sync::Arc;
 
 /// f32 recursion of the harmonics against f64: values up to 1 after the cosine's factors.
 const ROUNDING: f32 = 2e-6;
@@ -296,27 +295,6 @@ fn traced_share(params: &TransferParams, volume: &TsdfVolume, main: &GBuffer) ->
     stage.transfer(volume, main, &mut TransferMap::default());
     let how = &stage.refined.trail.how;
     how.iter().filter(|&&h| h == passes::How::Traced).count() as f64 / how.len() as f64
-}
-
-/// A box without a lid or bottom stands on the floor: four upright walls of 0.2 m by 0.3 m.
-fn fence(at: Vec3) -> VirtualScene {
-    let (a, h) = (0.1, 0.3);
-    let base = [[-a, 0.0, -a], [a, 0.0, -a], [a, 0.0, a], [-a, 0.0, a]];
-    let mut vertices = Vec::new();
-    let mut triangles = Vec::new();
-    for k in 0..4 {
-        let (p, q) = (Vec3::from(base[k]), Vec3::from(base[(k + 1) % 4]));
-        let normal = (q - p).cross(Vec3::Y).normalize();
-        let first = vertices.len() as u32;
-        for position in [p, q, q + Vec3::Y * h, p + Vec3::Y * h] {
-            vertices.push(Vertex { position, normal, ..Vertex::default() });
-        }
-        triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
-    }
-    let part = PartData { vertices, triangles, ..PartData::default() };
-    let model = Arc::new(Model::new("fence", vec![part]).unwrap());
-    let pose = Similarity::standing(at, Vec3::Z, 0.3, 1.0);
-    VirtualScene::from_objects([VirtualObject::placed(model, pose)])
 }
 
 struct Insertion {

@@ -13,10 +13,15 @@ use std::f64::consts::PI;
 const MAX_DIRECTIONS: usize = 1024;
 /// Rays against triangles start this far off their surface: a surface drawn from the same triangles
 /// is known to better than a millimetre, and an object's foot shall still darken the floor beside it.
-const OBJECT_LIFT_M: f32 = 0.002;
+pub(crate) const OBJECT_LIFT_M: f32 = 0.002;
 /// Rays through voxels start this many voxels off their surface at least: a noisy surface is wavy by
 /// about one.
 const LIFT_VOXELS: f32 = 1.5;
+
+/// How far off their surface rays through voxels start, metres.
+pub(crate) fn volume_lift_m(params: &TransferParams, voxel_m: f32) -> f32 {
+    params.bias_m.max(LIFT_VOXELS * voxel_m)
+}
 
 /// For each direction, a bit for each of sixteen points that something hides it from.
 pub(super) struct Hidden([u16; MAX_DIRECTIONS]);
@@ -67,7 +72,7 @@ impl<'a> Tracer<'a> {
         volume: Occlusion<'a>,
         objects: &'a SceneRays,
     ) -> Self {
-        let lift_m = params.bias_m.max(LIFT_VOXELS * volume.voxel_m());
+        let lift_m = volume_lift_m(params, volume.voxel_m());
         Self { set, volume, objects, reach_m: params.ray_length_m, lift_m }
     }
 

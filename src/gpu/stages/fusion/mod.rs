@@ -20,5 +20,6 @@ pub use empty_space::EmptySpacePass;
 pub use raycast::RayCaster;
 #[cfg(test)]
 pub(super) use shaders::shaders;
+pub(super) use shaders::with_walk;
 pub use surface::SurfacePass;
 pub use volume::GpuVolume;

@@ -2,7 +2,6 @@
 
 use super::uniforms::{RaycastUniform, RaysUniform, TilesUniform, ViewFromVoxelUniform};
 use super::{GpuVolume, shaders};
-use crate::fusion::block::{ONE, SIDE};
 use crate::fusion::tiles::TILE;
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuGBuffer, Shader};
 use crate::image::Size;
@@ -53,14 +52,12 @@ impl RayCaster {
         }
         self.draw_tiles(commands, volume, view)?;
         let lattice = &volume.lattice;
-        let voxels = lattice.grid * SIDE;
         let uniform = RaycastUniform {
             rays: RaysUniform::new(lattice, view),
-            last: (voxels - 1) as f32,
-            scale: lattice.truncation_voxels() / f32::from(ONE),
+            last: volume.last_voxel(),
+            scale: volume.voxels_per_step(),
             grid: lattice.grid as u32,
-            // a diagonal of half voxels, and a jump over each brick on the way along every axis
-            most_steps: 8 * voxels as u32,
+            most_steps: volume.most_steps(),
         };
         commands
             .pass(&self.raycast)?

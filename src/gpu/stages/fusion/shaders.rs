@@ -69,21 +69,25 @@ pub fn surveys() -> [Shader; 3] {
         .map(|shader| shader.with_u32("FARTHEST", empty_space::FARTHEST.into()))
 }
 
-pub fn raycast() -> Shader {
-    let shader = with_voxels(Shader::new("fusion/raycast"))
-        .with_u32("TILE", tiles::TILE)
-        .with_u32("FIRST_OCTANT", crossings::FIRST_OCTANT as usize)
-        .with_u32("REFINEMENTS", packet::REFINEMENTS);
+/// How rays walk through the volume: the constants of `fusion/walk`.
+pub fn with_walk(shader: Shader) -> Shader {
     let constants = [
-        ("CAST_NEAREST_M", raycast::NEAREST_M),
         ("LEAST_COMPONENT", raycast::LEAST_COMPONENT),
         ("MIN_STEP", packet::MIN_STEP),
         ("STEP_SHARE", packet::STEP_SHARE),
         ("STEP_BEYOND", packet::STEP_BEYOND),
         ("MAX_STEP", packet::MAX_STEP),
-        ("CLOSE", packet::CLOSE),
         ("NUDGE", packet::NUDGE),
     ];
+    let shader = with_voxels(shader).with_u32("FIRST_OCTANT", crossings::FIRST_OCTANT as usize);
+    constants.into_iter().fold(shader, |shader, (name, value)| number(shader, name, value))
+}
+
+pub fn raycast() -> Shader {
+    let shader = with_walk(Shader::new("fusion/raycast"))
+        .with_u32("TILE", tiles::TILE)
+        .with_u32("REFINEMENTS", packet::REFINEMENTS);
+    let constants = [("CAST_NEAREST_M", raycast::NEAREST_M), ("CLOSE", packet::CLOSE)];
     constants.into_iter().fold(shader, |shader, (name, value)| number(shader, name, value))
 }
 

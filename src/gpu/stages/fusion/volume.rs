@@ -2,7 +2,7 @@
 
 use super::shaders;
 use super::uniforms::GridUniform;
-use crate::fusion::block::VOXELS;
+use crate::fusion::block::{ONE, SIDE, VOXELS};
 use crate::fusion::{FusionError, Lattice, VolumeParams};
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, ReadBack, Shader};
 use wgpu::BufferUsages;
@@ -175,6 +175,26 @@ impl GpuVolume {
 
     pub(super) fn grid_uniform(&self) -> GridUniform {
         GridUniform { grid: self.lattice.grid as u32, capacity: self.capacity as u32 }
+    }
+
+    fn voxels_a_side(&self) -> usize {
+        self.lattice.grid * SIDE
+    }
+
+    /// Highest voxel coordinate.
+    pub(in crate::gpu::stages) fn last_voxel(&self) -> f32 {
+        (self.voxels_a_side() - 1) as f32
+    }
+
+    /// Of a stored distance.
+    pub(in crate::gpu::stages) fn voxels_per_step(&self) -> f32 {
+        self.lattice.truncation_voxels() / f32::from(ONE)
+    }
+
+    /// Of a ray, more than any takes: a diagonal of half voxels, and a jump over each brick on the way along
+    /// every axis.
+    pub(in crate::gpu::stages) fn most_steps(&self) -> u32 {
+        8 * self.voxels_a_side() as u32
     }
 
     /// Has the counters copied when everything recorded so far is done.

@@ -157,8 +157,8 @@ impl TransferPass {
     }
 }
 
-/// `ROW` values a direction, as `transfer/sampling.wgsl` wants them.
-fn direction_rows(set: &DirectionSet, bands: usize) -> Vec<[f32; 4]> {
+/// A direction, then its spherical harmonics: `ROW` values, as the shaders want them.
+pub(super) fn direction_rows(set: &DirectionSet, bands: usize) -> Vec<[f32; 4]> {
     let n = coefficients(bands).next_multiple_of(4);
     (set.directions.iter().enumerate())
         .flat_map(|(k, w)| {
