@@ -49,9 +49,6 @@ pub enum PipelineError {
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] crate::gpu::GpuError),
-    #[cfg(feature = "gpu")]
-    #[error("the GPU backend has no {0}; take --backend cpu")]
-    NotOnGpu(&'static str),
 }
 
 /// What one frame gave. Poses are in the recording's world.

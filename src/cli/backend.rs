@@ -24,9 +24,9 @@ impl Device {
     /// As the arguments ask for. What the GPU cannot do is an error where it was asked for, and otherwise
     /// leads to the CPU.
     #[cfg(feature = "gpu")]
-    pub fn choose(run: &RunArgs, all: &[&Settings], dumps: bool) -> Result<Self, CliError> {
+    pub fn choose(run: &RunArgs, dumps: bool) -> Result<Self, CliError> {
         let usage = |problem: String| CliError::Usage(problem);
-        let obstacle = obstacle(run, all, dumps);
+        let obstacle = obstacle(run, dumps);
         let choice = run.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
         match (run.backend, obstacle) {
             (Asked::Cpu, _) if run.adapter.is_some() => {
@@ -55,7 +55,7 @@ impl Device {
     }
 
     #[cfg(not(feature = "gpu"))]
-    pub fn choose(run: &RunArgs, _: &[&Settings], _: bool) -> Result<Self, CliError> {
+    pub fn choose(run: &RunArgs, _: bool) -> Result<Self, CliError> {
         match run.backend {
             Asked::Auto | Asked::Cpu => Ok(Self::Cpu),
         }
@@ -87,12 +87,12 @@ impl Device {
 
 /// What keeps the run from the GPU.
 #[cfg(feature = "gpu")]
-fn obstacle(run: &RunArgs, all: &[&Settings], dumps: bool) -> Option<String> {
+fn obstacle(run: &RunArgs, dumps: bool) -> Option<String> {
     if dumps {
         return Some("--dump shows buffers of the CPU backend; take --backend cpu".into());
     }
     if run.budget.is_some() {
         return Some("--budget has no profile of the GPU backend; take --backend cpu".into());
     }
-    all.iter().find_map(|settings| GpuPipeline::supports(settings).err()).map(|e| e.to_string())
+    None
 }

@@ -32,7 +32,7 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
         Some(governor) => Pace::Budget(governor),
         None => Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run)?.into()),
     };
-    let device = Device::choose(&args.run, &[pace.settings()], !args.dump.is_empty())?;
+    let device = Device::choose(&args.run, !args.dump.is_empty())?;
     let run = Run { pace, plan, dump: &args.dump, out: &args.run.out, device: &device };
     let done = run.go(&args.run, talk)?;
     if !leave_out(Output::Report) {
@@ -64,8 +64,7 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
         paces.push(Pace::Preset(name, setup::settings(name, &args.run)?.into()));
     }
     paces.extend(setup::governor(&args.run)?.map(Pace::Budget));
-    let device =
-        Device::choose(&args.run, &paces.iter().map(Pace::settings).collect::<Vec<_>>(), false)?;
+    let device = Device::choose(&args.run, false)?;
     let mut done = Vec::new();
     for pace in paces {
         let plan = OutputPlan { frames: args.frames_out, timings: true, ..OutputPlan::NOTHING };
@@ -131,14 +130,6 @@ impl Pace<'_> {
         match self {
             Pace::Preset(name, _) => name,
             Pace::Budget(_) => "budget",
-        }
-    }
-
-    /// At the start.
-    fn settings(&self) -> &Settings {
-        match self {
-            Pace::Preset(_, settings) => settings,
-            Pace::Budget(governor) => &governor.rung().settings,
         }
     }
 }

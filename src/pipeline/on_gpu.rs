@@ -10,6 +10,7 @@ mod clock;
 mod merged;
 #[cfg(test)]
 mod tests;
+mod transfer;
 
 use super::{Backend, BackendRecord, FrameOutcome, FrameTraffic, Pipeline, PipelineError};
 use super::{WorldOrigin, shared};
@@ -26,11 +27,12 @@ use crate::mesh::TriangleMesh;
 use crate::scene::VirtualScene;
 use crate::timing::{Stage, StageTimes};
 use crate::tracking::{FrameTag, Tracking, TrackingState};
-use crate::transfer::{DirectionSet, TransferMethod};
+use crate::transfer::TransferMethod;
 use clock::StageClock;
 use merged::{MergedMain, MergedSides};
 use std::sync::Arc;
 use std::time::Instant;
+use transfer::{GpuTransferStage, MergedScene, RealScene, grid_step};
 
 /// The map of the room; it exists from the first fused frame on.
 struct Map {
@@ -54,7 +56,7 @@ pub struct GpuPipeline {
     caster: RayCaster,
     map: Option<Map>,
     dyn_geo: DynGeoPass,
-    radiance_transfer: TransferPass,
+    radiance_transfer: GpuTransferStage,
     samples: LightSamplesPass,
     estimator: LightEstimator,
     /// Stands in for the estimate where it is set.
@@ -120,7 +122,7 @@ struct TransferMaps {
 
 impl TransferMaps {
     fn new(gpu: &Gpu, settings: &Settings, image: Size) -> Result<Self, GpuError> {
-        let (bands, step) = (settings.transfer.bands, settings.transfer.subsampling);
+        let (bands, step) = (settings.transfer.bands, grid_step(&settings.transfer));
         Ok(Self {
             real: GpuTransferMap::new(gpu, bands, step, image)?,
             merged: GpuTransferMap::new(gpu, bands, step, image)?,
@@ -129,26 +131,12 @@ impl TransferMaps {
     }
 }
 
-fn transfer_pass(gpu: &Gpu, settings: &Settings) -> Result<TransferPass, PipelineError> {
-    let Settings { transfer, bounce, .. } = settings;
-    bounce.check_with(transfer)?;
-    Ok(TransferPass::new(gpu, transfer, bounce, &DirectionSet::new(transfer)?)?)
-}
-
 fn samples_pass(gpu: &Gpu, settings: &Settings, size: Size) -> Result<LightSamplesPass, GpuError> {
-    let (bands, step) = (settings.transfer.bands, settings.transfer.subsampling);
+    let (bands, step) = (settings.transfer.bands, grid_step(&settings.transfer));
     LightSamplesPass::new(gpu, &settings.light, size, bands, step)
 }
 
 impl GpuPipeline {
-    /// Whether the settings ask for nothing that the GPU cannot do.
-    pub fn supports(settings: &Settings) -> Result<(), PipelineError> {
-        match settings.transfer.method {
-            TransferMethod::ImageSpace => Ok(()),
-            TransferMethod::RayTraced => Err(PipelineError::NotOnGpu("ray-traced transfer")),
-        }
-    }
-
     /// As [`Pipeline::new`].
     pub fn new(
         gpu: Arc<Gpu>,
@@ -156,17 +144,16 @@ impl GpuPipeline {
         camera: Pinhole,
         scene: VirtualScene,
     ) -> Result<Self, PipelineError> {
-        Self::supports(&settings)?;
         let size = camera.size();
         let view = View::perspective(camera, Pose::identity());
-        let step = settings.transfer.subsampling;
+        let step = grid_step(&settings.transfer);
         Ok(Self {
             clock: StageClock::new(&gpu)?,
             input: InputPass::new(&gpu, &settings.input)?,
             tracker: GpuTracker::new(&gpu, &settings.tracking, camera)?,
             caster: RayCaster::new(&gpu, size)?,
             dyn_geo: DynGeoPass::new(&gpu, &settings.dyn_geo, size)?,
-            radiance_transfer: transfer_pass(&gpu, &settings)?,
+            radiance_transfer: GpuTransferStage::new(&gpu, &settings, size)?,
             samples: samples_pass(&gpu, &settings, size)?,
             estimator: LightEstimator::new(&settings.light),
             compositor: CompositingPass::new(&gpu, &settings.compositing, size, step)?,
@@ -197,17 +184,16 @@ impl GpuPipeline {
     pub fn reconfigure(&mut self, settings: Settings) -> Result<(), PipelineError> {
         let (gpu, size, old) = (self.gpu.clone(), self.camera.size(), &self.settings);
         shared::may_change(old, &settings)?;
-        Self::supports(&settings)?;
-        let other_grid = (settings.transfer.bands, settings.transfer.subsampling)
-            != (old.transfer.bands, old.transfer.subsampling);
+        let other_grid = (settings.transfer.bands, grid_step(&settings.transfer))
+            != (old.transfer.bands, grid_step(&old.transfer));
         if (&settings.transfer, &settings.bounce) != (&old.transfer, &old.bounce) {
-            self.radiance_transfer = transfer_pass(&gpu, &settings)?;
+            self.radiance_transfer = GpuTransferStage::new(&gpu, &settings, size)?;
         }
         if settings.dyn_geo != old.dyn_geo {
             self.dyn_geo = DynGeoPass::new(&gpu, &settings.dyn_geo, size)?;
         }
         if other_grid || settings.compositing != old.compositing {
-            let step = settings.transfer.subsampling;
+            let step = grid_step(&settings.transfer);
             self.compositor = CompositingPass::new(&gpu, &settings.compositing, size, step)?;
         }
         if other_grid {
@@ -391,7 +377,8 @@ impl GpuPipeline {
         clock.end_stage(commands, Stage::Surface, times)?;
         self.dyn_geo.run(commands, frame, &surface.main, real)?;
         clock.end_stage(commands, Stage::DynGeo, times)?;
-        self.radiance_transfer.transfer(commands, (real, &surface.auxiliary), &maps.real)?;
+        let scene = RealScene { volume, buffers: (real, &surface.auxiliary) };
+        self.radiance_transfer.transfer(commands, scene, &maps.real)?;
         clock.end_stage(commands, Stage::RadTransfer, times)?;
         if self.given_light.is_none() {
             self.samples.run(commands, frame, real, &maps.real)?;
@@ -428,13 +415,21 @@ impl GpuPipeline {
         if scene.waits_at(index) {
             scene.resolve(index, &real.download(&self.gpu)?);
         }
-        let may_show = merged.may_show(scene, real) || MergedSides::may_show(scene, surface);
-        if !may_show {
-            return Ok(false);
+        match self.settings.transfer.method {
+            TransferMethod::ImageSpace => {
+                if !merged.may_show(scene, real) && !MergedSides::may_show(scene, surface) {
+                    return Ok(false);
+                }
+                let in_main = merged.draw(commands, rasteriser, scene, real)?;
+                let in_sides = sides.draw(commands, rasteriser, scene, surface)?;
+                Ok(in_main || in_sides)
+            }
+            // rays meet objects that no view shows, and look at no side view
+            TransferMethod::RayTraced => {
+                merged.draw(commands, rasteriser, scene, real)?;
+                Ok(scene.bounds().next().is_some())
+            }
         }
-        let in_main = merged.draw(commands, rasteriser, scene, real)?;
-        let in_sides = sides.draw(commands, rasteriser, scene, surface)?;
-        Ok(in_main || in_sides)
     }
 
     /// Transfer and bounce with virtual objects.
@@ -443,8 +438,8 @@ impl GpuPipeline {
         commands: &mut Commands<'_>,
         light: &ShLight,
     ) -> Result<(), PipelineError> {
-        let Some(Map { sides, .. }) = &mut self.map else { return Ok(()) };
-        let FrameBuffers { frame, merged, maps, .. } = &mut self.last;
+        let Some(Map { volume, surface, sides }) = &mut self.map else { return Ok(()) };
+        let FrameBuffers { frame, real, merged, maps, .. } = &mut self.last;
         let bounce = self.settings.bounce.enabled;
         if bounce {
             let light = DominantLight::of(light);
@@ -454,8 +449,12 @@ impl GpuPipeline {
         }
         Ok(self.radiance_transfer.transfer_and_bounce(
             commands,
-            (&merged.buffer, &sides.buffers),
-            bounce.then_some((&merged.radiance, &sides.radiance)),
+            RealScene { volume, buffers: (real, &surface.auxiliary) },
+            MergedScene {
+                objects: &self.scene,
+                buffers: (&merged.buffer, &sides.buffers),
+                radiance: bounce.then_some((&merged.radiance, &sides.radiance)),
+            },
             &maps.real,
             &maps.merged,
             &maps.indirect,
