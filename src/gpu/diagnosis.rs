@@ -132,8 +132,7 @@ mod tests {
 
     #[test]
     fn a_device_short_of_a_limit_is_not_fit() {
-        let mut limits = Limits::default();
-        limits.max_storage_buffers_per_shader_stage = 4;
+        let limits = Limits { max_storage_buffers_per_shader_stage: 4, ..Limits::default() };
         let weak = report(DeviceType::DiscreteGpu, limits);
         assert_eq!(weak.short_of, [("max_storage_buffers_per_shader_stage".to_owned(), 4, 8)]);
         assert_eq!(judge(std::slice::from_ref(&weak), false).adapter, None);
