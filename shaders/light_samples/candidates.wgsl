@@ -21,16 +21,14 @@ struct SamplesUniform {
     pad: u32,
 }
 
-// Candidates a workgroup, which is a block of ranks.
-const BLOCK = 256u;
-// Of a candidate that is no sample.
-const NO_RANK = 0xffffffffu;
-// Words before the samples, that count pixels by what became of them.
+const WORKGROUP = 256u;
+// Words before the samples: counts of pixels by what became of them, and of samples.
 const USED = 0u;
 const NO_SURFACE = 1u;
 const GRAZING = 2u;
 const DARK = 3u;
 const SATURATED = 4u;
+const PICKED = 5u;
 const HEADER = 8u;
 
 fn grid_point(candidate: u32) -> vec2u {

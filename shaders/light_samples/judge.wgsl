@@ -1,5 +1,4 @@
-// Which candidates tell something about the light: counts them by what became of them, and ranks
-// those that are used within their block.
+// Which candidates tell something about the light: counts them by what became of them.
 // Constant: COEFFICIENTS of a transfer.
 #import light_samples/candidates
 #import shared/color
@@ -10,16 +9,14 @@
 @group(0) @binding(3) var<storage, read> color_srgb: array<u32>;
 @group(0) @binding(4) var<storage, read> color: array<vec4f>;
 @group(0) @binding(5) var<storage, read> transfer: array<f32>;
-@group(0) @binding(6) var<storage, read_write> ranks: array<u32>;
-@group(0) @binding(7) var<storage, read_write> block_used: array<u32>;
-@group(0) @binding(8) var<storage, read_write> picked: array<atomic<u32>>;
+@group(0) @binding(6) var<storage, read_write> usable: array<u32>;
+@group(0) @binding(7) var<storage, read_write> picked: array<atomic<u32>>;
 
 const MODEL = 1u;
 const SENSOR = 2u;
 const INFINITE_BITS = 0x7f800000u;
 
 var<workgroup> counts: array<atomic<u32>, HEADER>;
-var<workgroup> sums: array<u32, BLOCK>;
 
 // Neither infinite nor no number.
 fn is_finite(value: f32) -> bool {
@@ -74,36 +71,14 @@ fn verdict(point: vec2u) -> u32 {
     return select(USED, GRAZING, cosine_to_eye(pixel, at) < params.min_cosine);
 }
 
-@compute @workgroup_size(BLOCK)
-fn main(
-    @builtin(workgroup_id) block: vec3u,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let candidate = block.x * BLOCK + local;
-    var is_used = false;
-    if candidate < params.candidates {
-        let found = verdict(grid_point(candidate));
-        is_used = found == USED;
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_index) local: u32) {
+    if id.x < params.candidates {
+        let found = verdict(grid_point(id.x));
+        usable[id.x] = u32(found == USED);
         atomicAdd(&counts[found], 1u);
     }
-    // how many are used up to this one
-    sums[local] = u32(is_used);
     workgroupBarrier();
-    for (var reach = 1u; reach < BLOCK; reach *= 2u) {
-        var before = 0u;
-        if local >= reach {
-            before = sums[local - reach];
-        }
-        workgroupBarrier();
-        sums[local] += before;
-        workgroupBarrier();
-    }
-    if candidate < params.candidates {
-        ranks[candidate] = select(NO_RANK, sums[local] - 1u, is_used);
-    }
-    if local == 0u {
-        block_used[block.x] = sums[BLOCK - 1u];
-    }
     if local < HEADER {
         atomicAdd(&picked[local], atomicLoad(&counts[local]));
     }

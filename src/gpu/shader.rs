@@ -61,7 +61,6 @@ pub mod library {
         "light_samples/judge",
         "light_samples/pick",
         "light_samples/picture",
-        "light_samples/scan",
         "raster/color",
         "raster/draw",
         "raster/resolve",

@@ -9,10 +9,6 @@ use std::f32::consts::PI;
 
 pub const LANES: usize = 16;
 
-/// Samples taken from each frame: far more than the light has unknowns, and neighbouring pixels say the
-/// same. Twice as many changed the dominant direction of twelve made scenes by less than a degree.
-pub const SAMPLES_PER_FRAME: usize = 1024;
-
 /// Frames that are remembered at most; with a memory of 0.9 the oldest then counts less than a fifth.
 const MAX_FRAMES: usize = 16;
 

@@ -3,7 +3,7 @@
 use super::albedo::Albedos;
 use super::bank::{Bank, Batch, LANES};
 use super::field::LightField;
-use super::lamp::{Design, LampField};
+use super::lamp::{Design, LampField, LastLamp};
 use super::normal_equations::{NormalEquations, padded};
 use super::solve::{Penalty, Solution, solve};
 use super::{LightChannels, LightParams, LightPrior, ShLight};
@@ -69,7 +69,7 @@ impl Fit {
         let rounds = if self.rest.is_empty() { FIRST_ROUNDS } else { ROUNDS };
         bank.weigh(params.balance_normals);
         for _ in 0..rounds {
-            self.find_lamp(bank, params);
+            self.find_lamp(bank, params, rounds < FIRST_ROUNDS);
             let robust = params.huber > 0.0;
             if self.field.is_none() {
                 // Without a lamp the residual is that of the light itself.
@@ -119,7 +119,7 @@ impl Fit {
         total
     }
 
-    fn find_lamp(&mut self, bank: &Bank, params: &LightParams) {
+    fn find_lamp(&mut self, bank: &Bank, params: &LightParams, held: bool) {
         let near = match params.prior {
             LightPrior::Dark => return,
             LightPrior::DistantLamp => false,
@@ -143,8 +143,9 @@ impl Fit {
             }
         }
         let design = Design { bank, gram, seen };
-        let last = self.field.as_ref().map(|field| field.lamp);
-        self.field = LampField::search(&design, near, last.as_ref(), self.turn);
+        let lamp = self.field.as_ref().map(|field| field.lamp);
+        let last = lamp.map(|lamp| LastLamp { lamp, turn: self.turn, held });
+        self.field = LampField::search(&design, near, last.as_ref());
         self.turn += 1;
         if let Some(field) = &mut self.field {
             match &channels[..] {

@@ -23,8 +23,6 @@ mod solve;
 mod tests;
 
 #[cfg(feature = "gpu")]
-pub use bank::SAMPLES_PER_FRAME;
-#[cfg(feature = "gpu")]
 pub(crate) use change::SAME_DEPTH;
 pub use estimator::{LightEstimate, LightEstimator, Rejection};
 pub use field::LightField;
@@ -32,7 +30,9 @@ pub use lamp::Lamp;
 #[cfg(feature = "gpu")]
 pub use picked::{PickedPoint, PickedSamples};
 #[cfg(feature = "gpu")]
-pub use samples::Counts;
+pub(crate) use samples::RANK_STEPS;
+#[cfg(feature = "gpu")]
+pub use samples::{Counts, most_samples, samples_per_frame};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use {bank::Batch, samples::Samples, samples::Seen};
 

@@ -11,7 +11,7 @@ pub struct PickedSamples {
     pub view: View,
     pub counts: Counts,
     pub bands: usize,
-    /// At most [`super::SAMPLES_PER_FRAME`].
+    /// At most [`super::most_samples`], in the order of the picture.
     pub points: Vec<PickedPoint>,
     /// `bands * bands` coefficients a point.
     pub transfer: Vec<f32>,

@@ -141,7 +141,8 @@ fn every_pixel() -> LightParams {
 
 fn angle_deg(a: &ShLight, b: &ShLight) -> f32 {
     let (a, b) = (a.dominant_direction().unwrap(), b.dominant_direction().unwrap());
-    a.angle_between(b).to_degrees()
+    // the arc cosine knows no angles below 0.02 degrees
+    a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
 fn largest_difference(a: &ShLight, b: &ShLight) -> f32 {
@@ -246,20 +247,40 @@ fn rotated_world_gives_rotated_light() {
     for params in [every_pixel(), LightParams { band_power: 1.0, ..every_pixel() }] {
         let a = original.estimate(&params).light.dominant_direction().unwrap();
         let b = turned.estimate(&params).light.dominant_direction().unwrap();
-        // The last step of the search for the lamp, whose grid does not turn, is 0.25 * 0.6^5 =
-        // 0.019; measured 2.6e-3
+        // The differences of the search for the lamp are taken along axes that do not turn, and most of their
+        // error goes along the valley of places that explain the same: measured 5.7e-3
         assert!((turn * a).angle_between(b) < 0.01, "{}", (turn * a).angle_between(b));
+    }
+}
+
+/// Transfer of another backend differs in its last bits: the light must not take another way through that.
+#[test]
+fn transfer_that_hardly_differs_gives_light_that_hardly_differs() {
+    let scene = case(SIZE, 4, &light(4, LAMP, WHITE), seen_normals);
+    let mut rng = Rng::new(&[11]);
+    let [mut a, mut b] = [0; 2].map(|_| LightEstimator::new(&every_pixel()));
+    for frame in 0..6 {
+        let seen = scene.clone().noisy(0.02, &mut rng);
+        let mut other = seen.clone();
+        let rows = other.transfer.coefficients.iter_mut();
+        rows.for_each(|t| *t *= 1.0 + 1e-6 * rng.normal());
+        let turned = angle_deg(&seen.estimated_by(&mut a).light, &other.estimated_by(&mut b).light);
+        println!("{turned}");
+        // rounding of sums; a choice among tried places made it 0.12 in some frames: measured 0.0031
+        assert!(turned < 0.01, "frame {frame}: {turned} degrees");
     }
 }
 
 #[test]
 fn stripes_of_albedo_do_not_turn_the_light() {
     let truth = light(4, LAMP, WHITE);
-    let uniform = case(SIZE, 4, &truth, seen_normals);
+    // few enough pixels that all are samples: a choice of pixels aliases with normals that change at each
+    let size = Size::new(36, 27);
+    let uniform = case(size, 4, &truth, |k| on_sphere(k, size.pixels(), -1.0));
     let striped = uniform.clone().painted(|k| if (k / 5).is_multiple_of(2) { 0.3 } else { 0.9 });
     let (a, b) = (uniform.estimate(&every_pixel()), striped.estimate(&every_pixel()));
-    // measured: 2.7 degrees; stripes are nearly, not fully, independent of the normals
-    assert!(angle_deg(&a.light, &b.light) < 4.0, "{}", angle_deg(&a.light, &b.light));
+    // measured: 1.03 degrees; stripes are nearly, not fully, independent of the normals
+    assert!(angle_deg(&a.light, &b.light) < 1.5, "{}", angle_deg(&a.light, &b.light));
     // the light is known times the mean albedo
     let level = b.light.luminance()[0] / a.light.luminance()[0];
     assert!((level - 0.6).abs() < 0.03, "{level}");

@@ -24,17 +24,14 @@ pub(super) use with_bands;
 
 /// The rays of light that surfaces get from a lamp.
 pub(super) struct Arrival {
+    centre: Vec3,
     candidate: Candidate,
-    lamp: Vec3,
-    far_basis: [f32; sh::MAX_COEFFICIENTS],
     bands: usize,
 }
 
 impl Arrival {
     pub fn new(centre: Vec3, candidate: Candidate, coefficients: usize) -> Self {
-        let bands = coefficients.isqrt();
-        let lamp = centre + candidate.distance_m.unwrap_or(0.0) * candidate.towards;
-        Self { candidate, lamp, far_basis: sh::basis(candidate.towards, bands), bands }
+        Self { centre, candidate, bands: coefficients.isqrt() }
     }
 
     pub fn bands(&self) -> usize {
@@ -42,34 +39,31 @@ impl Arrival {
     }
 
     /// T.Y(u) D^2 / r^2 of a packet with `BANDS * BANDS` rows of transfer. The number of bands is a
-    /// constant, so that the basis stays in registers.
+    /// constant, so that the basis stays in registers. Lengths are in units of the lamp's distance, which may
+    /// be infinite.
     #[inline(always)]
     pub fn irradiance<const BANDS: usize>(
         &self,
         position: &[[f32; LANES]; 3],
         transfer: &[[f32; LANES]],
     ) -> [f32; LANES] {
-        let transfer = &transfer[..BANDS * BANDS];
-        let Some(distance) = self.candidate.distance_m else {
-            return far_irradiance(transfer, &self.far_basis);
-        };
-        let squared = distance * distance;
-        let nearest = NEAREST * NEAREST * squared;
+        let Candidate { towards, nearness_per_m } = self.candidate;
         let mut u = [[0.0; LANES]; 3];
         let mut falloff = [0.0; LANES];
         for i in 0..LANES {
-            let v = [0, 1, 2].map(|axis| self.lamp[axis] - position[axis][i]);
-            let r2 = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).max(nearest);
+            let aside = |axis: usize| nearness_per_m * (position[axis][i] - self.centre[axis]);
+            let v = [0, 1, 2].map(|axis| towards[axis] - aside(axis));
+            let r2 = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).max(NEAREST * NEAREST);
             let inverse = 1.0 / r2.sqrt();
             for axis in 0..3 {
                 u[axis][i] = v[axis] * inverse;
             }
-            falloff[i] = squared / r2;
+            falloff[i] = 1.0 / r2;
         }
         let mut basis = [[0.0; LANES]; sh::MAX_COEFFICIENTS];
         sh::basis_lanes(&u, BANDS, &mut basis);
         let mut out = [0.0; LANES];
-        for (row, y) in transfer.iter().zip(&basis) {
+        for (row, y) in transfer[..BANDS * BANDS].iter().zip(&basis) {
             for i in 0..LANES {
                 out[i] += row[i] * y[i];
             }
@@ -79,17 +73,6 @@ impl Arrival {
         }
         out
     }
-}
-
-#[inline(always)]
-fn far_irradiance(transfer: &[[f32; LANES]], basis: &[f32]) -> [f32; LANES] {
-    let mut out = [0.0; LANES];
-    for (row, y) in transfer.iter().zip(basis) {
-        for i in 0..LANES {
-            out[i] += row[i] * y;
-        }
-    }
-    out
 }
 
 /// [`Arrival::irradiance`] of all packets of a batch, a row each.

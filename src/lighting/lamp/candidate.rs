@@ -2,28 +2,27 @@
 
 use super::Lamp;
 use glam::Vec3;
-use std::f32::consts::TAU;
-
-/// Sides that a place is turned to.
-const AROUND: usize = 6;
 
 /// A lamp seen from the centre of the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Candidate {
     pub towards: Vec3,
-    /// None: infinitely far.
-    pub distance_m: Option<f32>,
+    /// Inverse distance; 0: infinitely far. Light changes evenly with it, and smoothly as a lamp comes from
+    /// infinity.
+    pub nearness_per_m: f32,
 }
 
 impl Lamp {
     pub(super) fn seen_from(&self, centre: Vec3) -> Candidate {
         match *self {
-            Lamp::Far { towards } => Candidate { towards, distance_m: None },
+            Lamp::Far { towards } => Candidate { towards, nearness_per_m: 0.0 },
             Lamp::Near { position } => {
-                let (towards, distance) = ((position - centre), position.distance(centre));
+                let towards = position - centre;
                 match towards.try_normalize() {
-                    Some(towards) => Candidate { towards, distance_m: Some(distance) },
-                    None => Candidate { towards: Vec3::Z, distance_m: None },
+                    Some(unit) => {
+                        Candidate { towards: unit, nearness_per_m: 1.0 / towards.length() }
+                    }
+                    None => Candidate { towards: Vec3::Z, nearness_per_m: 0.0 },
                 }
             }
         }
@@ -32,27 +31,24 @@ impl Lamp {
 
 impl Candidate {
     pub fn lamp(&self, centre: Vec3) -> Lamp {
-        match self.distance_m {
+        match self.distance_m() {
             Some(distance) => Lamp::Near { position: centre + distance * self.towards },
             None => Lamp::Far { towards: self.towards },
         }
     }
 
-    /// Turned by `step` radians towards each of several sides, and nearer and farther by that share.
-    pub fn neighbours(self, step: f32, farthest_m: f32) -> Vec<Self> {
+    /// None where it is infinitely far.
+    pub fn distance_m(&self) -> Option<f32> {
+        let distance = 1.0 / self.nearness_per_m;
+        (self.nearness_per_m > 0.0 && distance.is_finite()).then_some(distance)
+    }
+
+    /// Turned by two small angles, in radians, and brought nearer.
+    pub fn moved(self, [right, up]: [f32; 2], nearer_per_m: f32) -> Self {
         let (x, y) = self.towards.any_orthonormal_pair();
-        let around = (0..AROUND).map(|k| {
-            let (sin, cos) = (TAU * k as f32 / AROUND as f32).sin_cos();
-            (self.towards + step * (cos * x + sin * y)).normalize()
-        });
-        let turned = around.map(|towards| Self { towards, ..self });
-        let moved = match self.distance_m {
-            Some(d) => {
-                let more = d * step.exp();
-                [Some(d * (-step).exp()), (more < farthest_m).then_some(more)]
-            }
-            None => [None, Some(0.5 * farthest_m)],
-        };
-        turned.chain(moved.map(|distance_m| Self { distance_m, ..self })).collect()
+        Self {
+            towards: (self.towards + right * x + up * y).normalize(),
+            nearness_per_m: self.nearness_per_m + nearer_per_m,
+        }
     }
 }

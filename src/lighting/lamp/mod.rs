@@ -10,6 +10,7 @@
 
 mod arrival;
 mod candidate;
+mod climb;
 mod search;
 mod sums;
 
@@ -42,6 +43,16 @@ pub struct Design<'a> {
     pub seen: &'a [[f32; LANES]],
 }
 
+/// What is known of the lamp when it is searched.
+#[derive(Clone, Copy, Debug)]
+pub struct LastLamp {
+    pub lamp: Lamp,
+    /// Part of all other places is looked at, by this number another.
+    pub turn: usize,
+    /// It was found in earlier frames, and noise must not move it.
+    pub held: bool,
+}
+
 /// The lamp that explains a bank best, and how much of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LampField {
@@ -53,11 +64,10 @@ pub struct LampField {
 
 impl LampField {
     /// The best lamp in the least-squares sense; with `near` false, at infinity. Without a `last` one it is
-    /// searched everywhere among part of the samples and refined among all. Else it is followed from there,
-    /// and part of all other places is looked at, by `turn` another in every call.
+    /// searched everywhere among part of the samples and refined among all. Else it is followed from there.
     ///
     /// `None` with less than two bands, or where nothing is seen that a lamp could explain.
-    pub fn search(design: &Design, near: bool, last: Option<&Lamp>, turn: usize) -> Option<Self> {
+    pub fn search(design: &Design, near: bool, last: Option<&LastLamp>) -> Option<Self> {
         let n = design.bank.coefficients();
         if n < 4 {
             return None;
@@ -66,7 +76,7 @@ impl LampField {
         let search = Search { design, centre, extent_m, near: near && extent_m > 0.0 };
         let (gain, best) = match last {
             None => search.everywhere()?,
-            Some(lamp) => search.follow(lamp.seen_from(centre), turn),
+            Some(last) => search.follow(last.lamp.seen_from(centre), last),
         };
         (gain > 0.0).then(|| Self { lamp: best.lamp(centre), centre, channels: Vec::new() })
     }
@@ -106,7 +116,8 @@ impl LampField {
     /// Its light at a point, a vector of coefficients a channel.
     pub fn light_at(&self, point: Vec3, coefficients: usize) -> Vec<Vec<f64>> {
         let there = self.lamp.seen_from(point);
-        let falloff = match (self.lamp.seen_from(self.centre).distance_m, there.distance_m) {
+        let from_centre = self.lamp.seen_from(self.centre);
+        let falloff = match (from_centre.distance_m(), there.distance_m()) {
             (Some(from_centre), Some(distance)) => {
                 f64::from(from_centre / distance.max(NEAREST * from_centre)).powi(2)
             }

@@ -41,7 +41,8 @@ fn search(bank: &Bank, near: bool, last: Option<&Lamp>, turn: usize) -> Option<L
     let seen: Vec<[f32; LANES]> =
         packets().map(|p| std::array::from_fn(|i| p.weight[i] * p.luminance[i])).collect();
     let design = Design { bank, gram: &gram, seen: &seen };
-    let mut field = LampField::search(&design, near, last, turn)?;
+    let last = last.map(|&lamp| LastLamp { lamp, turn, held: true });
+    let mut field = LampField::search(&design, near, last.as_ref())?;
     field.measure(&design, std::slice::from_ref(&seen));
     Some(field)
 }
@@ -80,7 +81,7 @@ fn the_sun_is_far_and_a_near_lamp_seen_as_far_is_turned() {
     for near in [true, false] {
         let field = found(&bank, near).unwrap();
         assert!(angle(&field) < 2.0, "{field:?}");
-        let distance = field.lamp.seen_from(Vec3::ZERO).distance_m;
+        let distance = field.lamp.seen_from(Vec3::ZERO).distance_m();
         assert!(distance.is_none_or(|d| d > 10.0), "{field:?}");
     }
 }

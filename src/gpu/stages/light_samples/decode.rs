@@ -1,11 +1,11 @@
 //! From the words that come back to samples.
 
-use crate::lighting::{Counts, PickedPoint, PickedSamples, SAMPLES_PER_FRAME};
+use crate::lighting::{Counts, PickedPoint, PickedSamples, most_samples};
 use crate::math::{View, sh};
 use glam::{Vec2, Vec3};
 
 /// Words before the samples, as in `light_samples/candidates.wgsl`: pixels that are used, have no surface,
-/// are grazing, dark, saturated.
+/// are grazing, dark, saturated; samples.
 pub const HEADER: usize = 8;
 /// Words of a sample besides its transfer: pixel, depth, linear RGB, normal, luminance then.
 const POINT_WORDS: usize = 7;
@@ -17,13 +17,11 @@ pub fn sample_words(bands: usize) -> usize {
 
 /// `words` are those of a frame that was taken from `view`.
 pub fn decode(words: &[u32], view: View, bands: usize) -> PickedSamples {
-    let [used, no_surface, grazing, dark, saturated, ..] = words[..HEADER] else {
-        unreachable!("five counts in a header of eight words")
-    };
-    let counts = [used, no_surface, grazing, dark, saturated].map(|count| count as usize);
-    let [used, no_surface, grazing, dark, saturated] = counts;
-    let every = used.div_ceil(SAMPLES_PER_FRAME).max(1);
-    let samples = words[HEADER..].chunks_exact(sample_words(bands)).take(used.div_ceil(every));
+    let count = |k: usize| words[k] as usize;
+    let [used, no_surface, grazing, dark, saturated, picked] = [0, 1, 2, 3, 4, 5].map(count);
+    let samples = words[HEADER..].chunks_exact(sample_words(bands));
+    let mut samples: Vec<&[u32]> = samples.take(picked.min(most_samples(bands))).collect();
+    samples.sort_unstable_by_key(|words| words[0]);
     let n = sh::coefficients(bands);
     let world_from_view = view.world_from_view_f32();
     let width = view.size().width;

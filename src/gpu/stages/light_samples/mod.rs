@@ -2,13 +2,13 @@
 //! to them by [`LightEstimator`] on the CPU.
 //!
 //! ```text
-//! judge -> scan -> pick -> at most 1024 samples, read back
-//! picture              -> depth and luminance, which samples of later frames are compared with
+//! judge -> pick -> about 1000 samples, read back
+//! picture       -> depth and luminance, which samples of later frames are compared with
 //! ```
 //!
-//! The same pixels are picked in the same order. Transfer, whose values are below 1, comes back in steps of
-//! 2^-15, and so do normals, which only choose a bin of 30 degrees; all else comes as it is. A frame of 4 bands
-//! has 60 KiB, of 6 bands 100.
+//! The same pixels are picked; they come in any order and are sorted. Transfer, whose values are below 1, comes
+//! back in steps of 2^-15, and so do normals, which only choose a bin of 30 degrees; all else comes as it is: 61 to
+//! 63 KiB a frame.
 
 mod decode;
 
@@ -23,15 +23,13 @@ use crate::gpu::{
 };
 use crate::image::Size;
 use crate::lighting::{
-    LightEstimate, LightEstimator, LightParams, PickedSamples, SAME_DEPTH, SAMPLES_PER_FRAME,
+    LightEstimate, LightEstimator, LightParams, PickedSamples, RANK_STEPS, SAME_DEPTH,
+    most_samples, samples_per_frame,
 };
 use crate::math::{View, sh};
 use crate::timing::Stage;
 use decode::{HEADER, decode, sample_words};
 use glam::Vec3;
-
-/// Candidates a workgroup, as in `light_samples/candidates.wgsl`.
-const BLOCK: usize = 256;
 
 uniform! {
     struct SamplesUniform {
@@ -52,13 +50,6 @@ uniform! {
 }
 
 uniform! {
-    struct ScanUniform {
-        blocks: u32,
-        pad: u32,
-    }
-}
-
-uniform! {
     struct PictureUniform {
         pixels: u32,
         pad: u32,
@@ -72,18 +63,20 @@ fn judge_shader(bands: usize) -> Shader {
 fn pick_shader(bands: usize) -> Shader {
     Shader::new("light_samples/pick")
         .with_u32("COEFFICIENTS", sh::coefficients(bands))
-        .with_u32("SAMPLES", SAMPLES_PER_FRAME)
+        .with_u32("SAMPLES", samples_per_frame(bands))
+        .with_u32("MOST_SAMPLES", most_samples(bands))
+        .with_u32("RANK_STEP_X", RANK_STEPS[0] as usize)
+        .with_u32("RANK_STEP_Y", RANK_STEPS[1] as usize)
         .with_u32("SAMPLE_WORDS", sample_words(bands))
         .with("SAME_DEPTH", Constant::F32(SAME_DEPTH))
 }
 
-const SCAN: Shader = Shader::new("light_samples/scan");
 const PICTURE: Shader = Shader::new("light_samples/picture");
 
 #[cfg(test)]
 pub(super) fn shaders() -> Vec<Shader> {
     let of_bands = (1..=sh::MAX_BANDS).flat_map(|b| [judge_shader(b), pick_shader(b)]);
-    of_bands.chain([SCAN, PICTURE]).collect()
+    of_bands.chain([PICTURE]).collect()
 }
 
 /// Picks samples, and keeps the pictures that they are compared with.
@@ -94,9 +87,8 @@ pub struct LightSamplesPass {
     step: usize,
     judge: Shader,
     pick: Shader,
-    /// Of each candidate within its block, and the samples before each block.
-    ranks: GpuBuffer<u32>,
-    used_before: GpuBuffer<u32>,
+    /// 1 for each candidate that tells something.
+    usable: GpuBuffer<u32>,
     picked: GpuBuffer<u32>,
     /// Depth and luminance of the frame whose light was found last, and of the newest.
     last: GpuBuffer<[f32; 2]>,
@@ -116,7 +108,7 @@ impl LightSamplesPass {
         bands: usize,
         step: usize,
     ) -> Result<Self, GpuError> {
-        let words = HEADER + SAMPLES_PER_FRAME * sample_words(bands);
+        let words = HEADER + most_samples(bands) * sample_words(bands);
         let candidates = candidates(size, step, every(params, step)).pixels();
         Ok(Self {
             params: params.clone(),
@@ -125,8 +117,7 @@ impl LightSamplesPass {
             step,
             judge: judge_shader(bands),
             pick: pick_shader(bands),
-            ranks: GpuBuffer::new(gpu, "ranks of samples", candidates)?,
-            used_before: GpuBuffer::new(gpu, "samples before", candidates.div_ceil(BLOCK))?,
+            usable: GpuBuffer::new(gpu, "usable pixels", candidates)?,
             picked: GpuBuffer::new(gpu, "picked samples", words)?,
             last: GpuBuffer::new(gpu, "last picture", size.pixels())?,
             newest: GpuBuffer::new(gpu, "newest picture", size.pixels())?,
@@ -170,26 +161,19 @@ impl LightSamplesPass {
             .read(&frame.color_srgb)?
             .read(&frame.color)?
             .read(&transfer.coefficients)?
-            .write(&self.ranks)?
-            .write(&self.used_before)?
+            .write(&self.usable)?
             .write(&self.picked)?
-            .over_count(self.ranks.len())?;
-        commands
-            .pass(&SCAN)?
-            .uniform(&ScanUniform { blocks: self.used_before.len() as u32, pad: 0 })?
-            .write(&self.used_before)?
-            .workgroups([1; 3])?;
+            .over_count(self.usable.len())?;
         commands
             .pass(&self.pick)?
             .uniform(&uniform)?
-            .read(&self.ranks)?
-            .read(&self.used_before)?
+            .read(&self.usable)?
             .read(&surface.surface)?
             .read(&frame.color)?
             .read(&transfer.coefficients)?
             .read(&self.last)?
             .write(&self.picked)?
-            .over_count(self.ranks.len())?;
+            .over_count(self.usable.len())?;
         commands
             .pass(&PICTURE)?
             .uniform(&PictureUniform { pixels: self.size.pixels() as u32, pad: 0 })?
@@ -234,7 +218,7 @@ impl LightSamplesPass {
             step: self.step as u32,
             every: every as u32,
             columns: candidates(self.size, self.step, every).width as u32,
-            candidates: self.ranks.len() as u32,
+            candidates: self.usable.len() as u32,
             brightest: self.params.max_encoded * 255.0,
             darkest: self.params.min_encoded * 255.0,
             min_cosine: self.params.min_cosine,

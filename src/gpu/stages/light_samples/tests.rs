@@ -125,7 +125,7 @@ fn the_same_samples_are_picked() {
         if size.0 > 1 {
             assert!(found.count > 50 && counts.saturated > 0 && counts.dark > 0, "{counts:?}");
         }
-        assert!(size.0 < 160 || counts.used > SAMPLES_PER_FRAME, "a choice is made");
+        assert!(size.0 < 160 || counts.used > 2 * samples_per_frame(bands), "a choice is made");
         for (a, b) in expected.packets.iter().zip(&found.packets) {
             assert_eq!((a.position, a.seen, a.class), (b.position, b.seen, b.class));
             assert_eq!((a.present, a.normal_bin), (b.present, b.normal_bin));
@@ -163,9 +163,9 @@ fn the_light_is_that_of_the_cpu_through_changes() {
         let [a, b] = [&expected, &found].map(|e| e.light.dominant_direction().unwrap());
         let angle = a.cross(b).length().atan2(a.dot(b)).to_degrees();
         println!("frame {k}: {angle:.5} degrees apart, {:?}", found.rejection);
-        // The robust fit has thresholds: rounding transfer to 16 bits turned the light of six scenes by 0.0003 to
-        // 0.15 degrees, and so did scaling it by 1 + 1e-6 (0.00002 to 0.12).
-        assert!(angle < 0.3, "frame {k}: {angle} degrees");
+        // Half a step of 2^-15 in each coefficient of transfer, a mean over a thousand samples of it: measured
+        // 0.0042 in this scene.
+        assert!(angle < 0.02, "frame {k}: {angle} degrees");
     }
     assert_eq!(seen_rejections, 2, "the flash, and the first frame of the second light");
     assert!(pass.estimate(gpu, &mut with_gpu, None).unwrap().is_none(), "no frame is left");
