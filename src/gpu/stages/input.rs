@@ -1,8 +1,8 @@
 //! The Input stage: a raw frame goes up once, in the bytes it was recorded in.
 
-use crate::capture::{ColorFilter, InputParams, RawFrame, input_tables};
+use crate::capture::{ColorFilter, InputParams, RawFrame, RgbdFrame, input_tables};
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuImage, Shader, uniform};
-use crate::image::Size;
+use crate::image::{Image, Size};
 use crate::timing::Stage;
 
 uniform! {
@@ -42,6 +42,18 @@ impl FramePictures {
             color: GpuImage::new(gpu, "linear colour", size)?,
             depth_m: GpuImage::new(gpu, "depth", size)?,
         })
+    }
+
+    /// Sets all pictures to those of a frame that was prepared on the host.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn upload(&self, gpu: &Gpu, frame: &RgbdFrame) {
+        self.color_srgb.upload_bytes(gpu, frame.color_srgb.as_slice().as_flattened());
+        self.depth_m.upload(gpu, &frame.depth_m);
+        let light = frame.color.as_slice().iter().zip(frame.intensity.as_slice());
+        let color = light.map(|(&[r, g, b], &steps)| [r, g, b, steps]).collect();
+        self.color.upload(gpu, &Image::from_vec(frame.color.size(), color));
     }
 }
 
@@ -124,10 +136,9 @@ impl InputPass {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::{InputStage, RgbdFrame};
+    use crate::capture::InputStage;
     use crate::gpu::parity::Difference;
     use crate::gpu::stages::test_support::gpu;
-    use crate::image::Image;
     use crate::math::random::Rng;
 
     fn raw(size: Size, seed: u32) -> RawFrame {
