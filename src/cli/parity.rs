@@ -38,6 +38,10 @@ pub struct ParityArgs {
 
 pub fn run(args: &ParityArgs, talk: Talk) -> Result<(), CliError> {
     setup::start_threads(args.threads)?;
+    // both pipelines, and trackers on their own, would say the same of each frame
+    if log::max_level() == log::LevelFilter::Info {
+        log::set_max_level(log::LevelFilter::Warn);
+    }
     let settings = setup::settings(&args.preset, &args.changes)?;
     let choice = args.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
     let gpu = Gpu::open(&choice).map_err(|e| CliError::Usage(e.to_string()))?;
@@ -82,6 +86,41 @@ impl From<ParityError> for CliError {
         match error {
             ParityError::Capture(_) | ParityError::NoFrames => Self::Sequence(text),
             _ => Self::Run(text),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use kinlight::parity::tolerances::{COMPOSITING, INPUT_DEPTH};
+    use kinlight::parity::{Ledger, Row};
+
+    fn report(on_gpu: f32) -> Report {
+        let mut ledger = Ledger::new(true);
+        ledger.compare(&INPUT_DEPTH, 0, &[1.5], &[on_gpu]);
+        let stages: Vec<_> =
+            [&INPUT_DEPTH, &COMPOSITING].map(|tolerance| Row::new(tolerance, &ledger)).into();
+        Report {
+            adapter: "none".into(),
+            software: true,
+            frames: 1,
+            stage_frames: vec![0],
+            within: on_gpu == 1.5,
+            stages,
+            run: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn what_is_out_of_tolerance_is_named_and_fails() {
+        assert!(verdict(&report(1.5)).is_ok());
+        for other in [1.6, f32::NAN] {
+            let report = report(other);
+            let error = verdict(&report).unwrap_err();
+            assert_eq!((error.exit_code(), error.has_result()), (1, true));
+            assert!(error.to_string().ends_with(": input depth"), "{error}");
+            assert!(report.to_string().contains("BEYOND") && !report.within);
         }
     }
 }

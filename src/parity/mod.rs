@@ -12,7 +12,7 @@ pub mod upload;
 
 pub use ledger::{Found, Ledger};
 pub use report::{Report, Row, Verdict};
-pub use run::{Summary, WholeRun};
+pub use run::{Summary, WholeRun, light_difference_deg, pose_difference};
 
 use crate::capture::{CaptureError, FrameSource, RawFrame};
 use crate::config::Settings;

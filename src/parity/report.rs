@@ -50,7 +50,7 @@ pub enum Verdict {
 }
 
 impl Row {
-    fn new(tolerance: &'static Tolerance, ledger: &Ledger) -> Self {
+    pub fn new(tolerance: &'static Tolerance, ledger: &Ledger) -> Self {
         let (limit, found) = (ledger.limit(tolerance), ledger.found(tolerance));
         let Tolerance { stage, quantity, unit, reason, .. } = *tolerance;
         let verdict = match found {
@@ -116,8 +116,17 @@ impl fmt::Display for Report {
         writeln!(f, "\neach stage with the CPU's input, at frames {}", list.join(", "))?;
         writeln!(
             f,
-            "{:<12} {:<21} {:<7} {:>9} {:>9} {:>9} {:>9} {:>9}  {:<13} because of",
-            "stage", "compared", "unit", "values", "largest", "tolerance", "beyond", "allowed", ""
+            "{:<12} {:<21} {:<7} {:>9} {:>9} {:>6} {:>9} {:>9} {:>9}  {:<13} because of",
+            "stage",
+            "compared",
+            "unit",
+            "values",
+            "largest",
+            "at",
+            "tolerance",
+            "beyond",
+            "allowed",
+            ""
         )?;
         for row in &self.stages {
             writeln!(f, "{row}")?;
@@ -145,10 +154,12 @@ impl fmt::Display for Row {
         match self.found {
             Some(found) => {
                 write!(f, "{:>9} {:>9} ", found.values, number(found.largest))?;
+                let frame = if found.largest > 0.0 { found.frame.to_string() } else { "-".into() };
+                write!(f, "{frame:>6} ")?;
                 write!(f, "{:>9} {:>9} ", number(limit.largest), percent(found.share_beyond()))?;
             }
             None => {
-                write!(f, "{:>9} {:>9} ", "-", "-")?;
+                write!(f, "{:>9} {:>9} {:>6} ", "-", "-", "-")?;
                 write!(f, "{:>9} {:>9} ", number(limit.largest), "-")?;
             }
         }
@@ -180,7 +191,11 @@ fn number(value: f64) -> String {
 }
 
 fn percent(share: f64) -> String {
-    if share == 0.0 { "0 %".to_owned() } else { format!("{:.3} %", 100.0 * share) }
+    match 100.0 * share {
+        0.0 => "0 %".to_owned(),
+        percent if percent < 1e-2 => format!("{percent:.0e} %"),
+        percent => format!("{percent:.2} %"),
+    }
 }
 
 /// JSON has no infinity.

@@ -83,7 +83,8 @@ impl Series {
     /// None without frames.
     fn summary(&self, tolerance: &Tolerance, software: bool) -> Option<Summary> {
         let values = || self.0.iter().map(|&(_, value)| value);
-        let &(frame, largest) = self.0.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        // the first of equal ones
+        let &(frame, largest) = self.0.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let limit = tolerance.limit(software).largest;
         Some(Summary {
             quantity: tolerance.quantity,

@@ -137,9 +137,9 @@ impl InputPass {
 mod tests {
     use super::*;
     use crate::capture::InputStage;
-    use crate::gpu::parity::Difference;
     use crate::gpu::stages::test_support::gpu;
     use crate::math::random::Rng;
+    use crate::parity::tolerances::{INPUT_COLOR, INPUT_INTENSITY};
 
     fn raw(size: Size, seed: u32) -> RawFrame {
         let mut rng = Rng::new(&[seed]);
@@ -181,14 +181,12 @@ mod tests {
                 let rgb: Vec<f32> = color.iter().flat_map(|c| [c[0], c[1], c[2]]).collect();
                 let steps: Vec<f32> = color.iter().map(|c| c[3]).collect();
                 assert_eq!(depth_m, expected.depth_m.as_slice());
-                // nine table values below 1 in the same order, unless the driver contracts them: 1 ulp each
                 let light = expected.color.as_slice().as_flattened();
-                let found = Difference::of(light, &rgb, 9.0 * f64::from(f32::EPSILON));
-                assert!(found.is_within(0.0), "{size} {color_filter:?} colour: {found}");
-                // the root's place in 1024 steps moves by 1024 * 4 ulp, the curve rises by less than 1 a step
-                // beyond the first (12.92 * 255 / 1024^2 * 2 * place below it)
-                let found = Difference::of(expected.intensity.as_slice(), &steps, 5e-4);
-                assert!(found.is_within(0.0), "{size} {color_filter:?} intensity: {found}");
+                let (found, within) = INPUT_COLOR.compare(gpu, light, &rgb);
+                assert!(within, "{size} {color_filter:?} colour: {found}");
+                let intensity = expected.intensity.as_slice();
+                let (found, within) = INPUT_INTENSITY.compare(gpu, intensity, &steps);
+                assert!(within, "{size} {color_filter:?} intensity: {found}");
             }
         }
     }
