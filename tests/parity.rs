@@ -27,8 +27,8 @@ fn parity(frames: usize, more: &[&str]) -> (Value, Option<i32>) {
     let folder = tempfile::tempdir().unwrap();
     let (sequence, out) = (folder.path().join("sequence"), folder.path().join("out"));
     small_demo(frames).write(&sequence);
-    let usual = ["parity", text(&sequence), "--set", "volume.resolution=64", "--json"];
-    let output = kinlight(&[&usual, &["--out", text(&out)], more].concat());
+    let usual = ["parity", text(&sequence), "--set", "volume.resolution=64", "--json", "--out"];
+    let output = kinlight(&[&usual[..], &[text(&out)], more].concat());
     let report: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|error| {
         panic!("{error}: {}", String::from_utf8_lossy(&output.stderr));
     });

@@ -27,7 +27,9 @@ pub struct Summary {
     pub quantity: &'static str,
     pub unit: &'static str,
     pub frames: usize,
+    #[serde(serialize_with = "super::report::finite_or_text")]
     pub mean: f64,
+    #[serde(serialize_with = "super::report::finite_or_text")]
     pub median: f64,
     #[serde(serialize_with = "super::report::finite_or_text")]
     pub largest: f64,
