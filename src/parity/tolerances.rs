@@ -139,9 +139,11 @@ pub static DYNGEO_NORMAL: Tolerance =
 const TRANSFER_ROUNDING: f64 = 2e-5;
 /// Samples at the rim of a pixel or just at a depth limit are hidden or not as they are rounded. With one
 /// driver that is so at none of the points of the tests, and at one of 2881 where depth has no noise; it changes
-/// all coefficients there.
+/// all coefficients there. On recordings, with a software device, 3e-5 of the values are beyond rounding; a quarter
+/// of the share for others allows the one point of the tests.
 const SAMPLES_AT_A_RIM: f64 = 2e-3;
-const IMAGE_SPACE: [Limit; 2] = [limit(TRANSFER_ROUNDING, SAMPLES_AT_A_RIM); 2];
+const IMAGE_SPACE: [Limit; 2] =
+    [limit(TRANSFER_ROUNDING, SAMPLES_AT_A_RIM / 4.0), limit(TRANSFER_ROUNDING, SAMPLES_AT_A_RIM)];
 pub static TRANSFER: Tolerance =
     new(["transfer", "coefficients", ""], IMAGE_SPACE, "f32 places; samples at a rim");
 pub static MERGED_TRANSFER: Tolerance =

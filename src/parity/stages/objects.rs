@@ -7,7 +7,7 @@ use crate::gpu::stages::{
     CompositingPass, ExitantPass, FramePictures, GpuComposeInput, GpuIndirectMap, GpuPicture,
     GpuTransferMap, GpuVirtualLayer, PictureReadBack, RasterPass,
 };
-use crate::gpu::{GpuGBuffer, GpuImage};
+use crate::gpu::{GpuError, GpuGBuffer, GpuImage};
 use crate::image::Image;
 use crate::lighting::exitant::DominantLight;
 use crate::parity::tolerances::*;
@@ -113,15 +113,12 @@ pub fn compositing(
     real_transfer.upload(gpu, seen.real_transfer);
     let merged_transfer = GpuTransferMap::new(gpu, bands, step, size)?;
     merged_transfer.upload(gpu, objects.transfer);
-    let indirect = objects.indirect.map(|map| (map, GpuIndirectMap::new(gpu, step, size)));
-    let indirect = match indirect {
-        Some((map, made)) => {
-            let made = made?;
-            made.upload(gpu, map);
-            Some(made)
-        }
-        None => None,
+    let uploaded = |map| {
+        let made = GpuIndirectMap::new(gpu, step, size)?;
+        made.upload(gpu, map);
+        Ok::<_, GpuError>(made)
     };
+    let indirect = objects.indirect.map(uploaded).transpose()?;
     let input = GpuComposeInput {
         frame: &pictures,
         merged: &merged,

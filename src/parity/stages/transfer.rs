@@ -47,14 +47,7 @@ fn image_space(bench: &mut Bench, seen: &StageBuffers) -> Result<(), ParityError
     real.upload(gpu, seen.real_transfer);
     let main = upload::buffer(gpu, objects.main)?;
     let sides = upload::buffers(gpu, objects.auxiliary)?;
-    let radiance = match objects.radiance {
-        Some((main, sides)) => {
-            let sides: Result<Vec<_>, _> =
-                sides.iter().map(|image| upload::rgb(gpu, image)).collect();
-            Some((upload::rgb(gpu, main)?, sides?))
-        }
-        None => None,
-    };
+    let radiance = objects.radiance.map(|radiance| upload::radiance(gpu, radiance)).transpose()?;
     let radiance = radiance.as_ref().map(|(main, sides)| (main, &sides[..]));
     let indirect = GpuIndirectMap::new(gpu, out.step, seen.real.size())?;
     bench.run(|commands| {

@@ -98,9 +98,7 @@ struct Results {
 fn on_device(gpu: &Gpu, params: &TransferParams, scene: &Scene, with_radiance: bool) -> Results {
     let (main, auxiliary) = uploaded_all(gpu, scene.real());
     let (merged_main, merged_auxiliary) = uploaded_all(gpu, scene.merged());
-    let uploaded = |image| upload::rgb(gpu, image).unwrap();
-    let light = uploaded(&scene.radiance.0);
-    let lights: Vec<_> = scene.radiance.1.iter().map(uploaded).collect();
+    let (light, lights) = upload::radiance(gpu, (&scene.radiance.0, &scene.radiance.1)).unwrap();
     let radiance = with_radiance.then_some((&light, &lights[..]));
     let set = DirectionSet::new(params).unwrap();
     let mut pass = TransferPass::new(gpu, params, &BounceParams::default(), &set).unwrap();
