@@ -21,11 +21,10 @@ pub fn rgb(gpu: &Gpu, from: &Image<[f32; 3]>) -> Result<GpuImage<[f32; 4]>, GpuE
     GpuImage::from_image(gpu, "linear colour", &Image::from_vec(from.size(), padded))
 }
 
-/// Of a main buffer and of its side views.
-pub fn radiance(
-    gpu: &Gpu,
-    (main, sides): Radiance,
-) -> Result<(GpuImage<[f32; 4]>, Vec<GpuImage<[f32; 4]>>), GpuError> {
+/// Radiance on the device: of a main buffer, and of its side views.
+pub type OwnedRadiance = (GpuImage<[f32; 4]>, Vec<GpuImage<[f32; 4]>>);
+
+pub fn radiance(gpu: &Gpu, (main, sides): Radiance) -> Result<OwnedRadiance, GpuError> {
     let sides: Result<_, _> = sides.iter().map(|image| rgb(gpu, image)).collect();
     Ok((rgb(gpu, main)?, sides?))
 }
