@@ -3,6 +3,7 @@
 mod backend;
 #[cfg(feature = "gpu")]
 mod fallback;
+mod inspect;
 mod merged;
 #[cfg(feature = "gpu")]
 mod on_gpu;
@@ -14,6 +15,7 @@ mod tests;
 pub use backend::{Backend, BackendRecord, FrameTraffic};
 #[cfg(feature = "gpu")]
 pub use fallback::WithFallback;
+pub use inspect::{ObjectBuffers, StageBuffers};
 #[cfg(feature = "gpu")]
 pub use on_gpu::GpuPipeline;
 pub use origin::WorldOrigin;

@@ -30,7 +30,9 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
     };
     let pace = match setup::governor(&args.run)? {
         Some(governor) => Pace::Budget(governor),
-        None => Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run)?.into()),
+        None => {
+            Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run.changes)?.into())
+        }
     };
     let device = Device::choose(&args.run, !args.dump.is_empty())?;
     let run = Run { pace, plan, dump: &args.dump, out: &args.run.out, device: &device };
@@ -61,7 +63,7 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
     setup::start_threads(args.run.threads)?;
     let mut paces = Vec::new();
     for name in &args.presets {
-        paces.push(Pace::Preset(name, setup::settings(name, &args.run)?.into()));
+        paces.push(Pace::Preset(name, setup::settings(name, &args.run.changes)?.into()));
     }
     paces.extend(setup::governor(&args.run)?.map(Pace::Budget));
     let device = Device::choose(&args.run, false)?;
@@ -153,9 +155,9 @@ struct Done {
 
 impl Run<'_> {
     fn go(self, args: &RunArgs, talk: Talk) -> Result<Done, CliError> {
-        let mut source = setup::open(args)?;
-        let truth = light_truth(&args.sequence)?;
-        let scene = objects::scene(args, &source)?;
+        let mut source = setup::open(&args.source)?;
+        let truth = light_truth(&args.source.sequence)?;
+        let scene = objects::scene(&args.source, &source)?;
         let name = self.pace.name().to_owned();
         let (setting, settings, mut governor) = match self.pace {
             Pace::Preset(name, settings) => (name.to_owned(), *settings, None),
@@ -192,7 +194,7 @@ impl Run<'_> {
         );
         bar.finish_and_clear();
         let summary = summary?;
-        RunRecord::here(&name, &args.sequence, pipeline.record())
+        RunRecord::here(&name, &args.source.sequence, pipeline.record())
             .write(self.out)
             .map_err(|e| CliError::Output(e.to_string()))?;
         Ok(Done {
