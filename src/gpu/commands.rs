@@ -28,7 +28,14 @@ pub struct Commands<'g> {
 impl<'g> Commands<'g> {
     pub(super) fn new(gpu: &'g Gpu) -> Self {
         let encoder = gpu.device().create_command_encoder(&Default::default());
-        Self { gpu, encoder, parameters: Vec::new(), stage: Stage::Input, marks: None, copies: false }
+        Self {
+            gpu,
+            encoder,
+            parameters: Vec::new(),
+            stage: Stage::Input,
+            marks: None,
+            copies: false,
+        }
     }
 
     /// Measures passes from here on, where there is a timer; [`Self::submit_timed`] ends that.

@@ -133,7 +133,8 @@ mod tests {
 
     #[test]
     fn the_slower_of_both_decides() {
-        let copies = Work { bytes_read: 30, bytes_written: 20, float_operations: 40, ..Work::default() };
+        let copies =
+            Work { bytes_read: 30, bytes_written: 20, float_operations: 40, ..Work::default() };
         assert_eq!(GPU.floor(&copies), Duration::from_secs(5));
         assert_eq!(GPU.bound_by(&copies), BoundBy::Bytes);
         let computes = Work { float_operations: 500, other_operations: 200, ..copies };

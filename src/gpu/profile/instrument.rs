@@ -70,7 +70,10 @@ pub fn instrument(module: &Module) -> Result<(Module, Counted), String> {
         *out.functions.get_mut(handle) = rewrite(function, &info[handle]);
     }
     if stretches.len() > MOST_STRETCHES {
-        return Err(format!("{} stretches of code, {MOST_STRETCHES} can be counted", stretches.len()));
+        return Err(format!(
+            "{} stretches of code, {MOST_STRETCHES} can be counted",
+            stretches.len()
+        ));
     }
     Ok((out, Counted { stretches, buffers: slots.len() }))
 }
@@ -258,8 +261,12 @@ impl<'a> Rewriter<'a> {
             }
         };
         let module = self.costs.module;
-        let mut place =
-            Place { buffer: *self.slots.get(&variable)?, constant: 0, scaled: Vec::new(), bytes: 0 };
+        let mut place = Place {
+            buffer: *self.slots.get(&variable)?,
+            constant: 0,
+            scaled: Vec::new(),
+            bytes: 0,
+        };
         let mut ty = Some(module.global_variables[variable].ty);
         for step in steps.iter().rev() {
             let stride = match (&module.types[ty?].inner, step) {

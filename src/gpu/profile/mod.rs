@@ -206,7 +206,8 @@ impl DeviceClock {
         commands.copies = false;
         commands.flush()?;
         let ticks = read_back.take(gpu)?.unwrap_or_default();
-        let ticks = ticks.last().zip(ticks.first()).map_or(0, |(end, start)| end.saturating_sub(*start));
+        let ticks =
+            ticks.last().zip(ticks.first()).map_or(0, |(end, start)| end.saturating_sub(*start));
         let nanoseconds = ticks as f64 * f64::from(gpu.queue().get_timestamp_period());
         Ok(Duration::from_nanos(nanoseconds as u64))
     }

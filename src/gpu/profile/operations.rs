@@ -36,9 +36,7 @@ impl Costs<'_> {
             Expression::Select { accept, .. } => (own, accept),
             Expression::Relational { argument, .. } => (lanes(self.type_of(argument)), argument),
             Expression::As { expr, convert: Some(_), .. } => (own, expr),
-            Expression::Math { fun, arg, .. } => {
-                (math(fun, lanes(self.type_of(arg)), own), arg)
-            }
+            Expression::Math { fun, arg, .. } => (math(fun, lanes(self.type_of(arg)), own), arg),
             _ => (0, handle),
         };
         let is_float = self.type_of(decides).scalar_kind() == Some(ScalarKind::Float);
@@ -58,9 +56,11 @@ impl Costs<'_> {
             {
                 columns as u64
             }
-            (BinaryOperator::Multiply, TypeInner::Vector { size, .. }, TypeInner::Matrix { .. }) => {
-                *size as u64
-            }
+            (
+                BinaryOperator::Multiply,
+                TypeInner::Vector { size, .. },
+                TypeInner::Matrix { .. },
+            ) => *size as u64,
             _ => 1,
         };
         // products and their sum

@@ -41,8 +41,14 @@ fn a_stretch_ends_where_control_may_leave() {
     };
     // the condition; after the loop: 9, 5 and 3, and a store; of the loop: its own condition, gain, colour, and
     // its counter
-    let expected =
-        [of(0, 1, 0, 0), of(17, 0, 0, 12), of(0, 1, 0, 0), of(1, 1, 4, 0), of(6, 0, 12, 0), of(0, 1, 0, 0)];
+    let expected = [
+        of(0, 1, 0, 0),
+        of(17, 0, 0, 12),
+        of(0, 1, 0, 0),
+        of(1, 1, 4, 0),
+        of(6, 0, 12, 0),
+        of(0, 1, 0, 0),
+    ];
     let sum = |all: &[Cost]| {
         all.iter().fold((0, 0, 0, 0), |s, c| {
             (s.0 + c.float_operations, s.1 + c.other_operations, s.2 + c.loaded, s.3 + c.stored)
@@ -76,7 +82,8 @@ fn products_of_matrices_and_calls_are_counted_where_they_run() {
 fn every_shader_can_count_within_the_limits() {
     for shader in shaders() {
         let module = parse(&shader).unwrap();
-        let (counting, counted) = instrument(&module).unwrap_or_else(|e| panic!("{}: {e}", shader.file));
+        let (counting, counted) =
+            instrument(&module).unwrap_or_else(|e| panic!("{}: {e}", shader.file));
         Validator::new(ValidationFlags::all(), Capabilities::empty())
             .validate(&counting)
             .unwrap_or_else(|e| panic!("{}: {:?}", shader.file, e.into_inner()));
