@@ -20,7 +20,7 @@ impl Arguments {
     pub fn parse(words: impl Iterator<Item = String>) -> Result<Self, String> {
         let mut parsed = Self {
             adapter: AdapterChoice::Best,
-            frames: 5,
+            frames: 3,
             kernels: false,
             presets: Vec::new(),
             filters: Vec::new(),

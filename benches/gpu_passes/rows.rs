@@ -14,7 +14,7 @@ pub struct Row {
     pub calls: usize,
     /// Sum over the passes of each frame.
     pub times: Vec<Duration>,
-    /// Of each pass of the frame that was counted; copies have none.
+    /// Of each pass of the frame that was counted.
     pub works: Vec<Work>,
 }
 
@@ -53,8 +53,6 @@ pub fn rows(measured: &Measured, kernels: bool) -> Vec<Row> {
         named(&measured.counted, kernels).map(|(name, p)| (row(name, frames), p.work)).collect();
     for (at, frame, pass) in placed {
         rows[at].times[frame] += pass.time.unwrap_or_default();
-        let copies = usize::from(pass.shader.is_none() && frame == 0);
-        rows[at].calls += copies;
     }
     for (at, work) in counted {
         rows[at].calls += 1;

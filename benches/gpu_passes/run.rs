@@ -13,7 +13,7 @@ use std::sync::Arc;
 /// Frames that the volume holds before anything is measured.
 const FUSED: usize = 20;
 /// Frames after a change of settings: buffers are made, and each auxiliary view has been cast.
-const SETTLING: usize = 3;
+const SETTLING: usize = 2;
 
 /// What one preset's frames gave.
 pub struct Measured {
@@ -24,7 +24,7 @@ pub struct Measured {
     pub timed: Vec<Vec<PassRecord>>,
     /// Passes of one frame more, with what they did.
     pub counted: Vec<PassRecord>,
-    /// Bytes uploaded for a frame, and bytes that came back.
+    /// Bytes uploaded for the newest of these frames, and bytes that came back.
     pub moved: (u64, u64),
 }
 
@@ -81,17 +81,16 @@ impl Runs {
             moved: (0, 0),
         };
         for _ in 0..self.frames {
+            let before = self.gpu.traffic();
             let [cpu, gpu] = self.frame()?;
+            let moved = self.gpu.traffic().since(before);
             measured.cpu.push(cpu);
             measured.gpu.push(gpu);
+            measured.moved = (moved.uploaded, moved.read_back);
         }
         for _ in 0..self.frames {
             measured.timed.push(self.passes(Measure::Time)?);
         }
-        let before = self.gpu.traffic();
-        self.frame()?;
-        let moved = self.gpu.traffic().since(before);
-        measured.moved = (moved.uploaded, moved.read_back);
         measured.counted = self.passes(Measure::Work)?;
         Ok(measured)
     }

@@ -68,9 +68,6 @@ pub fn print_passes(measured: &Measured, arguments: &Arguments) {
 fn print_row(row: &Row) {
     let (work, times) = (row.work(), Spread::of(row.times.iter().copied()));
     print!("| {} | {} | {times} |", row.name, row.calls);
-    if row.works.is_empty() {
-        return println!("{}", " |".repeat(7 + STATED.len()));
-    }
     let float_share = 100.0 * work.float_operations as f64 / work.operations().max(1) as f64;
     print!(
         " {:.2} | {:.1} | {:.3} | {float_share:.0} | {:.1} | {} |",
