@@ -2,7 +2,7 @@
 //! what it does, and what that would take at least on GPUs with published figures.
 //!
 //! ```text
-//! cargo bench --bench gpu_passes                      # four presets; minutes on software Vulkan
+//! cargo bench --bench gpu_passes                      # four presets
 //! cargo bench --bench gpu_passes -- ours raster       # rows of one preset whose name contains "raster"
 //! cargo bench --bench gpu_passes -- --kernels         # a row for each shader
 //! cargo bench --bench gpu_passes -- --frames 9 --adapter NVIDIA
