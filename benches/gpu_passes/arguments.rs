@@ -8,6 +8,8 @@ pub struct Arguments {
     pub adapter: AdapterChoice,
     /// Measured frames of each preset.
     pub frames: usize,
+    /// Without the CPU's stages beside it.
+    pub gpu_only: bool,
     /// A row for each shader.
     pub kernels: bool,
     pub presets: Vec<&'static str>,
@@ -21,6 +23,7 @@ impl Arguments {
         let mut parsed = Self {
             adapter: AdapterChoice::Best,
             frames: 3,
+            gpu_only: false,
             kernels: false,
             presets: Vec::new(),
             filters: Vec::new(),
@@ -31,6 +34,7 @@ impl Arguments {
             match word.as_str() {
                 // cargo's own
                 "--bench" => {}
+                "--gpu-only" => parsed.gpu_only = true,
                 "--kernels" => parsed.kernels = true,
                 "--adapter" => parsed.adapter = AdapterChoice::Named(value()?),
                 "--frames" => {

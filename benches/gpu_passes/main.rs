@@ -5,6 +5,7 @@
 //! cargo bench --bench gpu_passes                      # four presets
 //! cargo bench --bench gpu_passes -- ours raster       # rows of one preset whose name contains "raster"
 //! cargo bench --bench gpu_passes -- --kernels         # a row for each shader
+//! cargo bench --bench gpu_passes -- --gpu-only     # no stage of the CPU
 //! cargo bench --bench gpu_passes -- --frames 9 --adapter NVIDIA
 //! ```
 //!
@@ -37,11 +38,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             false => "host clock around submitting one pass and waiting for it",
         }
     );
-    let mut runs = run::Runs::start(gpu, arguments.frames)?;
+    let mut runs = run::Runs::start(gpu, &arguments)?;
     for preset in &arguments.presets {
         let measured = runs.measure(preset)?;
-        println!("## `{preset}`\n");
-        tables::print_stages(&measured);
+        println!("### `{preset}`\n");
+        if !arguments.gpu_only {
+            tables::print_stages(&measured);
+        }
         tables::print_passes(&measured, &arguments);
     }
     Ok(())

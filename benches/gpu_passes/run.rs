@@ -1,5 +1,6 @@
 //! Both pipelines over the same frames of the demo.
 
+use crate::arguments::Arguments;
 use kinlight::capture::{CaptureOptions, FrameSource, RawFrame, Sequence, open_sequence};
 use kinlight::config::Settings;
 use kinlight::gpu::{Gpu, Measure, PassRecord};
@@ -32,12 +33,12 @@ pub struct Runs {
     gpu: Arc<Gpu>,
     source: Sequence,
     on_gpu: GpuPipeline,
-    on_cpu: Pipeline,
+    on_cpu: Option<Pipeline>,
     frames: usize,
 }
 
 impl Runs {
-    pub fn start(gpu: Arc<Gpu>, frames: usize) -> Result<Self, Box<dyn Error>> {
+    pub fn start(gpu: Arc<Gpu>, arguments: &Arguments) -> Result<Self, Box<dyn Error>> {
         let sequence = Path::new(env!("CARGO_MANIFEST_DIR")).join("sequences/demo");
         let source = open_sequence(&sequence, &CaptureOptions::default())?;
         let scene = VirtualScene::load(&sequence.join("scene.toml"))?;
@@ -45,9 +46,12 @@ impl Runs {
         // camera and volume do not depend on what follows them
         let mut quick = Settings::preset("ours-fast")?;
         quick.set("transfer.subsampling", "8")?;
-        let on_cpu = Pipeline::new(quick.clone(), camera, scene.clone())?;
+        let on_cpu = match arguments.gpu_only {
+            true => None,
+            false => Some(Pipeline::new(quick.clone(), camera, scene.clone())?),
+        };
         let on_gpu = GpuPipeline::new(gpu.clone(), quick, camera, scene)?;
-        let mut runs = Self { gpu, source, on_gpu, on_cpu, frames };
+        let mut runs = Self { gpu, source, on_gpu, on_cpu, frames: arguments.frames };
         for _ in 0..FUSED {
             runs.frame()?;
         }
@@ -62,14 +66,19 @@ impl Runs {
     fn frame(&mut self) -> Result<[StageTimes; 2], Box<dyn Error>> {
         let raw = self.next()?;
         let gpu = self.on_gpu.process(&raw, StageTimes::default())?.times;
-        let cpu = self.on_cpu.process(raw, StageTimes::default())?.times;
+        let cpu = match &mut self.on_cpu {
+            Some(pipeline) => pipeline.process(raw, StageTimes::default())?.times,
+            None => StageTimes::default(),
+        };
         Ok([cpu, gpu])
     }
 
     pub fn measure(&mut self, preset: &str) -> Result<Measured, Box<dyn Error>> {
         let settings = Settings::preset(preset)?;
         self.on_gpu.reconfigure(settings.clone())?;
-        self.on_cpu.reconfigure(settings)?;
+        if let Some(pipeline) = &mut self.on_cpu {
+            pipeline.reconfigure(settings)?;
+        }
         for _ in 0..SETTLING {
             self.frame()?;
         }
