@@ -2,6 +2,8 @@
 
 use super::device::ARENA_BYTES;
 use super::pipeline::{Access, Pipeline};
+use super::profile::Profile;
+use super::roofline::Work;
 use super::stage_timer::{PassMarks, StageTimer};
 use super::{Gpu, GpuBuffer, GpuError, SampleTargets, Shader, Uniform};
 use crate::image::Size;
@@ -19,16 +21,27 @@ pub struct Commands<'g> {
     parameters: Vec<u8>,
     pub(super) stage: Stage,
     pub(super) marks: Option<PassMarks>,
+    /// Copies and clears since the last pass.
+    pub(super) copies: Option<Work>,
 }
 
 impl<'g> Commands<'g> {
     pub(super) fn new(gpu: &'g Gpu) -> Self {
         let encoder = gpu.device().create_command_encoder(&Default::default());
-        Self { gpu, encoder, parameters: Vec::new(), stage: Stage::Input, marks: None }
+        Self {
+            gpu,
+            encoder,
+            parameters: Vec::new(),
+            stage: Stage::Input,
+            marks: None,
+            copies: None,
+        }
     }
 
     /// Measures passes from here on, where there is a timer; [`Self::submit_timed`] ends that.
     pub fn timed(mut self, timer: Option<&StageTimer>) -> Self {
+        // passes that are measured one by one have queries of their own
+        let timer = timer.filter(|_| self.gpu.profiling().is_none());
         self.marks = timer.map(StageTimer::marks);
         self
     }
@@ -61,12 +74,19 @@ impl<'g> Commands<'g> {
     /// Copies the first `len` values.
     pub fn copy<T: Pod>(&mut self, from: &GpuBuffer<T>, to: &GpuBuffer<T>, len: usize) {
         let bytes = (len * size_of::<T>()) as u64;
+        self.note_copy(bytes, bytes);
         self.encoder.copy_buffer_to_buffer(from.raw(), 0, to.raw(), 0, bytes);
     }
 
     /// Zeros the whole buffer.
     pub fn clear<T: Pod>(&mut self, buffer: &GpuBuffer<T>) {
+        self.note_copy(0, buffer.raw().size());
         self.encoder.clear_buffer(buffer.raw(), 0, None);
+    }
+
+    pub(super) fn note_copy(&mut self, bytes_read: u64, bytes_written: u64) {
+        let work = Work { bytes_read, bytes_written, ..Work::default() };
+        self.copies = Some(self.copies.unwrap_or_default() + work);
     }
 
     /// Hands everything to the device; `timer`, the one that was given to [`Self::timed`], has the
@@ -79,15 +99,20 @@ impl<'g> Commands<'g> {
     }
 
     /// Hands everything to the device.
-    pub fn submit(self) -> Result<(), GpuError> {
-        // two threads may submit: neither may write the other's parameters
-        let submitting = &self.gpu.submitting;
-        let _held = submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if !self.parameters.is_empty() {
-            self.gpu.write(&self.gpu.arena, 0, &self.parameters);
+    pub fn submit(mut self) -> Result<(), GpuError> {
+        match self.gpu.profiling() {
+            Some(profile) => profile.before(&mut self),
+            None => self.gpu.hand_over(self.encoder, &self.parameters),
         }
-        self.gpu.queue().submit([self.encoder.finish()]);
-        self.gpu.check()
+    }
+
+    /// Submits what is recorded so far, and waits for the device; recording goes on.
+    pub(super) fn flush(&mut self) -> Result<(), GpuError> {
+        let next = self.gpu.device().create_command_encoder(&Default::default());
+        let recorded = std::mem::replace(&mut self.encoder, next);
+        // all parameters again, as passes to come have places behind them
+        self.gpu.hand_over(recorded, &self.parameters)?;
+        self.gpu.wait()
     }
 }
 
@@ -159,7 +184,7 @@ impl<R> Pass<'_, '_, R> {
         }
         let entries: Vec<_> = bound.iter().enumerate().map(|(i, b)| b.entry(gpu, i)).collect();
         Ok(gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(pipeline.file),
+            label: Some(pipeline.shader.file),
             layout: &pipeline.layout,
             entries: &entries,
         }))
@@ -197,28 +222,49 @@ impl Pass<'_, '_> {
     }
 
     fn dispatch(
-        self,
+        mut self,
         empty: bool,
         groups: [u32; 3],
         run: impl FnOnce(&mut wgpu::ComputePass<'_>),
     ) -> Result<(), GpuError> {
+        let profile = self.commands.gpu.profiling();
+        if let (Some(profile), Some(_)) = (profile, &self.pipeline.counted) {
+            self.bound.push(Bound::Storage(profile.counts().raw().clone()));
+        }
         let group = self.bind_group()?;
         let Self { commands, pipeline, .. } = self;
         let most = commands.gpu.limits().max_compute_workgroups_per_dimension;
         if empty || groups.iter().any(|&n| n > most) {
             let problem = format!("{groups:?} workgroups; 1 to {most} can be run");
-            return Err(GpuError::Shader { shader: pipeline.file.to_owned(), problem });
+            return Err(GpuError::Shader { shader: pipeline.shader.file.to_owned(), problem });
         }
         let stage = commands.stage;
-        let timestamp_writes = commands.marks.as_mut().and_then(|m| m.next(stage));
+        if let Some(profile) = profile {
+            profile.before(commands)?;
+        }
+        let timestamp_writes = match profile.and_then(Profile::queries) {
+            Some(query_set) => Some(wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(0),
+                end_of_pass_write_index: Some(1),
+            }),
+            None => commands.marks.as_mut().and_then(|m| m.next(stage)),
+        };
         let mut pass = commands.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(pipeline.file),
+            label: Some(pipeline.shader.file),
             timestamp_writes,
         });
         pass.set_pipeline(&pipeline.raw);
         pass.set_bind_group(0, &group, &[]);
         run(&mut pass);
-        Ok(())
+        drop(pass);
+        match (profile, &pipeline.counted) {
+            (Some(profile), counted) => {
+                let counted = counted.as_ref().ok_or_else(Work::default);
+                profile.after(commands, &pipeline.shader, groups, counted)
+            }
+            (None, _) => Ok(()),
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! One opened device.
 
 use super::pipeline::Pipeline;
+use super::profile::{Profile, STORAGE_BUFFERS};
 use super::traffic::TrafficCounter;
 use super::{AdapterChoice, AdapterSummary, Adapters, Commands, GpuError, Shader, Traffic};
 use std::collections::HashMap;
@@ -22,7 +23,10 @@ pub struct Gpu {
     /// Held from writing the arena until its commands are submitted.
     pub(super) submitting: Mutex<()>,
     pub(super) traffic: TrafficCounter,
+    pub(super) profile: OnceLock<Profile>,
     pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
+    /// Of shaders that count what they do.
+    counting_pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
     drawing_pipelines: Mutex<Pipelines<wgpu::RenderPipeline>>,
     failures: Arc<Failures>,
 }
@@ -47,10 +51,33 @@ impl Gpu {
         adapter: &wgpu::Adapter,
         summary: &AdapterSummary,
     ) -> Result<Self, GpuError> {
+        Self::open_with_limits(adapter, summary, wgpu::Limits::default())
+    }
+
+    /// For measuring every pass, see [`Self::measure_passes`]; the adapter must bind one storage buffer more than
+    /// WebGPU asks for.
+    pub fn open_for_profile(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let adapters = Adapters::find();
+        let (adapter, summary) = adapters.choose(choice)?;
+        let limits = wgpu::Limits {
+            max_storage_buffers_per_shader_stage: STORAGE_BUFFERS,
+            ..wgpu::Limits::default()
+        };
+        let gpu = Self::open_with_limits(adapter, summary, limits)?;
+        let profile = Profile::new(&gpu)?;
+        let _ = gpu.profile.set(profile);
+        Ok(gpu)
+    }
+
+    fn open_with_limits(
+        adapter: &wgpu::Adapter,
+        summary: &AdapterSummary,
+        required_limits: wgpu::Limits,
+    ) -> Result<Self, GpuError> {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("kinlight"),
             required_features: summary.features & Features::TIMESTAMP_QUERY,
-            required_limits: wgpu::Limits::default(),
+            required_limits,
             ..Default::default()
         };
         let opened = pollster::block_on(adapter.request_device(&descriptor));
@@ -85,7 +112,9 @@ impl Gpu {
             arena,
             submitting: Mutex::default(),
             traffic: TrafficCounter::default(),
+            profile: OnceLock::new(),
             pipelines: Mutex::default(),
+            counting_pipelines: Mutex::default(),
             drawing_pipelines: Mutex::default(),
             failures,
         })
@@ -114,7 +143,8 @@ impl Gpu {
 
     /// The pipeline of a shader, compiled on first use.
     pub(super) fn pipeline(&self, shader: &Shader) -> Result<Arc<Pipeline>, GpuError> {
-        compiled_once(&self.pipelines, shader, || Pipeline::compile(self, shader))
+        let known = if self.counts_work() { &self.counting_pipelines } else { &self.pipelines };
+        compiled_once(known, shader, || Pipeline::compile(self, shader))
     }
 
     /// The pipeline of a shader that draws, compiled on first use.
@@ -123,6 +153,21 @@ impl Gpu {
         shader: &Shader,
     ) -> Result<Arc<Pipeline<wgpu::RenderPipeline>>, GpuError> {
         compiled_once(&self.drawing_pipelines, shader, || Pipeline::compile_drawing(self, shader))
+    }
+
+    /// Submits what was recorded, with the parameters of its passes.
+    pub(super) fn hand_over(
+        &self,
+        recorded: wgpu::CommandEncoder,
+        parameters: &[u8],
+    ) -> Result<(), GpuError> {
+        // two threads may submit: neither may write the other's parameters
+        let _held = self.submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if !parameters.is_empty() {
+            self.write(&self.arena, 0, parameters);
+        }
+        self.queue.submit([recorded.finish()]);
+        self.check()
     }
 
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {
