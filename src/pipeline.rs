@@ -11,9 +11,9 @@ mod shared;
 #[cfg(test)]
 mod tests;
 
-pub use backend::{Backend, BackendRecord, FrameTraffic};
+pub use backend::{Backend, BackendRecord, FrameTraffic, Handover};
 #[cfg(feature = "gpu")]
-pub use fallback::WithFallback;
+pub use fallback::{OpenDevice, WithFallback};
 #[cfg(feature = "gpu")]
 pub use on_gpu::GpuPipeline;
 pub use origin::WorldOrigin;
