@@ -74,7 +74,14 @@ impl Device {
             #[cfg(feature = "gpu")]
             Self::Gpu(device) => device.pipeline(settings, camera, scene),
         };
-        made.map_err(|e| CliError::Run(e.to_string()))
+        made.map_err(|error| {
+            #[cfg(feature = "gpu")]
+            if error.is_the_devices() {
+                let advice = "--backend cpu has no such limit";
+                return CliError::Run(format!("{error}; pictures are {}, {advice}", camera.size()));
+            }
+            CliError::Run(error.to_string())
+        })
     }
 }
 

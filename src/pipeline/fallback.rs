@@ -1,5 +1,8 @@
 //! A run outlives its graphics device.
 
+#[cfg(test)]
+mod tests;
+
 use super::{Backend, BackendRecord, FrameOutcome, GpuPipeline, Handover, Map, Pipeline};
 use super::{MergedSides, PipelineError};
 use crate::capture::RawFrame;
