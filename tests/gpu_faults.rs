@@ -74,11 +74,15 @@ impl Run {
         self
     }
 
-    /// The backend as `run.json` has it.
-    fn backend(&self) -> String {
+    /// `run.json`.
+    fn record(&self) -> Value {
         let text = fs::read(self.out.join("run.json")).expect("it was written");
-        let record: Value = serde_json::from_slice(&text).expect("JSON");
-        record["machine"]["backend"].as_str().expect("a name").to_owned()
+        serde_json::from_slice(&text).expect("JSON")
+    }
+
+    /// As the record has it.
+    fn backend(&self) -> String {
+        self.record()["machine"]["backend"].as_str().expect("a name").to_owned()
     }
 
     /// Camera positions, metres.
@@ -250,6 +254,7 @@ fn without_a_driver_the_cpu_computes_unless_the_gpu_was_asked_for() {
     let auto = made.replay_in(&NO_DRIVER, "auto", &["--backend", "auto"]);
     auto.has_every_frame(2);
     assert_eq!((auto.backend(), auto.warnings()), ("cpu".to_owned(), vec![]));
+    assert_eq!(auto.record()["on_cpu_because"], "no adapter was found");
     let told = made.replay_in(&NO_DRIVER, "told", &["--backend", "auto", "-v"]);
     assert!(told.lines.iter().any(|l| l.contains("on the CPU: no adapter was found")));
 }

@@ -15,7 +15,8 @@ use std::sync::Arc;
 
 /// Where pipelines run.
 pub enum Device {
-    Cpu,
+    /// And why, where that was left to the program.
+    Cpu(Option<String>),
     #[cfg(feature = "gpu")]
     Gpu(GpuDevice),
 }
@@ -32,7 +33,7 @@ impl Device {
             (Asked::Cpu, _) if named => Err(CliError::Usage(
                 "--adapter names a graphics device, --backend cpu takes none".into(),
             )),
-            (Asked::Cpu, _) => Ok(Self::Cpu),
+            (Asked::Cpu, _) => Ok(Self::Cpu(None)),
             (Asked::Gpu, Some(obstacle)) => Err(CliError::Usage(obstacle)),
             (Asked::Auto, Some(obstacle)) => Self::no_gpu(named, obstacle),
             (Asked::Gpu, None) => {
@@ -53,13 +54,21 @@ impl Device {
             return Err(CliError::Usage(because));
         }
         log::debug!("on the CPU: {because}");
-        Ok(Self::Cpu)
+        Ok(Self::Cpu(Some(because)))
     }
 
     #[cfg(not(feature = "gpu"))]
     pub fn choose(run: &RunArgs, _: bool) -> Result<Self, CliError> {
         match run.backend {
-            Asked::Auto | Asked::Cpu => Ok(Self::Cpu),
+            Asked::Auto | Asked::Cpu => Ok(Self::Cpu(None)),
+        }
+    }
+
+    pub fn on_cpu_because(&self) -> Option<&str> {
+        match self {
+            Self::Cpu(because) => because.as_deref(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => None,
         }
     }
 
@@ -70,7 +79,7 @@ impl Device {
         scene: VirtualScene,
     ) -> Result<Box<dyn Backend>, CliError> {
         let made: Result<Box<dyn Backend>, PipelineError> = match self {
-            Self::Cpu => Pipeline::new(settings, camera, scene).map(|p| Box::new(p) as _),
+            Self::Cpu(_) => Pipeline::new(settings, camera, scene).map(|p| Box::new(p) as _),
             #[cfg(feature = "gpu")]
             Self::Gpu(device) => device.pipeline(settings, camera, scene),
         };
