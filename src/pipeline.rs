@@ -12,9 +12,9 @@ mod shared;
 #[cfg(test)]
 mod tests;
 
-pub use backend::{Backend, BackendRecord, FrameTraffic};
+pub use backend::{Backend, BackendRecord, FrameTraffic, Handover};
 #[cfg(feature = "gpu")]
-pub use fallback::WithFallback;
+pub use fallback::{OpenDevice, WithFallback};
 pub use inspect::{ObjectBuffers, StageBuffers};
 #[cfg(feature = "gpu")]
 pub use on_gpu::GpuPipeline;

@@ -165,10 +165,7 @@ impl Run<'_> {
                 (governor.rung().name.clone(), governor.rung().settings.clone(), Some(governor))
             }
         };
-        let mut pipeline = self
-            .device
-            .pipeline(settings, source.camera(), scene)
-            .map_err(|e| CliError::Run(e.to_string()))?;
+        let mut pipeline = self.device.pipeline(settings, source.camera(), scene)?;
         let buffers = self.dump.iter().map(|&buffer| {
             let picture: BufferPicture = Box::new(move |p| pictures::of(buffer, p));
             (pictures::folder(buffer), picture)
@@ -194,7 +191,9 @@ impl Run<'_> {
         );
         bar.finish_and_clear();
         let summary = summary?;
-        RunRecord::here(&name, &args.source.sequence, pipeline.record())
+        let on_cpu_because = self.device.on_cpu_because().map(str::to_owned);
+        let record = RunRecord::here(&name, &args.source.sequence, pipeline.record());
+        RunRecord { on_cpu_because, ..record }
             .write(self.out)
             .map_err(|e| CliError::Output(e.to_string()))?;
         Ok(Done {

@@ -18,6 +18,7 @@ mod device;
 pub mod diagnosis;
 mod drawing;
 mod error;
+mod memory;
 pub mod parity;
 mod pipeline;
 mod profile;
@@ -28,6 +29,8 @@ mod shader;
 mod shader_tests;
 mod stage_timer;
 pub mod stages;
+#[cfg(test)]
+mod test_log;
 mod traffic;
 mod uniform;
 mod view;

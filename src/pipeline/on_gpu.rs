@@ -7,6 +7,7 @@
 //! counted pixels, which spares a wait; the picture is the same.
 
 mod clock;
+mod hand_over;
 mod merged;
 #[cfg(test)]
 mod tests;
@@ -521,6 +522,7 @@ impl GpuPipeline {
             adapter: Some(self.gpu.summary().to_string()),
             clock: self.clock.name().to_owned(),
             traffic: self.traffic.of_a_frame(self.camera.size()),
+            handovers: Vec::new(),
         }
     }
 
