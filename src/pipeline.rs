@@ -1,6 +1,7 @@
 //! The order of the stages and what lives from frame to frame; nothing else.
 
 mod backend;
+mod buffers;
 #[cfg(feature = "gpu")]
 mod fallback;
 mod merged;
@@ -12,6 +13,7 @@ mod shared;
 mod tests;
 
 pub use backend::{Backend, BackendRecord, FrameTraffic};
+pub use buffers::{Buffer, BufferValues};
 #[cfg(feature = "gpu")]
 pub use fallback::WithFallback;
 #[cfg(feature = "gpu")]

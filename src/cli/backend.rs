@@ -21,26 +21,18 @@ pub enum Device {
 }
 
 impl Device {
-    /// As the arguments ask for. What the GPU cannot do is an error where it was asked for, and otherwise
-    /// leads to the CPU.
+    /// As the arguments ask for.
     #[cfg(feature = "gpu")]
-    pub fn choose(run: &RunArgs, dumps: bool) -> Result<Self, CliError> {
+    pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
         let usage = |problem: String| CliError::Usage(problem);
-        let obstacle = obstacle(run, dumps);
         let choice = run.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
-        match (run.backend, obstacle) {
-            (Asked::Cpu, _) if run.adapter.is_some() => {
+        match run.backend {
+            Asked::Cpu if run.adapter.is_some() => {
                 Err(usage("--adapter names a graphics device, --backend cpu takes none".into()))
             }
-            (Asked::Cpu, _) => Ok(Self::Cpu),
-            (Asked::Gpu, Some(obstacle)) => Err(usage(obstacle)),
-            (Asked::Auto, Some(obstacle)) if run.adapter.is_some() => Err(usage(obstacle)),
-            (Asked::Auto, Some(obstacle)) => {
-                log::debug!("on the CPU: {obstacle}");
-                Ok(Self::Cpu)
-            }
-            (Asked::Gpu, None) => Self::open(&choice),
-            (Asked::Auto, None) => {
+            Asked::Cpu => Ok(Self::Cpu),
+            Asked::Gpu => Self::open(&choice),
+            Asked::Auto => {
                 let (_, verdict) = diagnose(&choice).map_err(|e| usage(e.to_string()))?;
                 match verdict.adapter {
                     Some(name) => Self::open(&AdapterChoice::Named(name)),
@@ -55,7 +47,7 @@ impl Device {
     }
 
     #[cfg(not(feature = "gpu"))]
-    pub fn choose(run: &RunArgs, _: bool) -> Result<Self, CliError> {
+    pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
         match run.backend {
             Asked::Auto | Asked::Cpu => Ok(Self::Cpu),
         }
@@ -66,6 +58,15 @@ impl Device {
         let gpu = Gpu::open(choice).map_err(|e| CliError::Usage(e.to_string()))?;
         log::info!("on {}", gpu.summary());
         Ok(Self::Gpu(gpu.into()))
+    }
+
+    /// As in the name of its profile.
+    pub fn backend(&self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => "gpu",
+        }
     }
 
     pub fn pipeline(
@@ -83,16 +84,4 @@ impl Device {
             }
         })
     }
-}
-
-/// What keeps the run from the GPU.
-#[cfg(feature = "gpu")]
-fn obstacle(run: &RunArgs, dumps: bool) -> Option<String> {
-    if dumps {
-        return Some("--dump shows buffers of the CPU backend; take --backend cpu".into());
-    }
-    if run.budget.is_some() {
-        return Some("--budget has no profile of the GPU backend; take --backend cpu".into());
-    }
-    None
 }

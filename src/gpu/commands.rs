@@ -27,10 +27,18 @@ impl<'g> Commands<'g> {
         Self { gpu, encoder, parameters: Vec::new(), stage: Stage::Input, marks: None }
     }
 
-    /// Measures passes from here on, where there is a timer; [`Self::submit_timed`] ends that.
+    /// Measures passes from here on, where there is a timer, over all submissions until
+    /// [`Self::submit_timed`].
     pub fn timed(mut self, timer: Option<&StageTimer>) -> Self {
         self.marks = timer.map(StageTimer::marks);
         self
+    }
+
+    /// Whether the passes that follow are measured, where there is a timer.
+    pub fn measure(&mut self, on: bool) {
+        if let Some(marks) = &mut self.marks {
+            marks.paused = !on;
+        }
     }
 
     pub fn gpu(&self) -> &'g Gpu {
@@ -80,15 +88,31 @@ impl<'g> Commands<'g> {
 
     /// Hands everything to the device.
     pub fn submit(self) -> Result<(), GpuError> {
-        // two threads may submit: neither may write the other's parameters
-        let submitting = &self.gpu.submitting;
-        let _held = submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if !self.parameters.is_empty() {
-            self.gpu.write(&self.gpu.arena, 0, &self.parameters);
-        }
-        self.gpu.queue().submit([self.encoder.finish()]);
-        self.gpu.check()
+        submit(self.gpu, self.encoder, &self.parameters).map(|_| ())
     }
+
+    /// Hands what is recorded so far to the device, and goes on recording.
+    pub fn flush(&mut self) -> Result<wgpu::SubmissionIndex, GpuError> {
+        let next = self.gpu.device().create_command_encoder(&Default::default());
+        let recorded = std::mem::replace(&mut self.encoder, next);
+        let parameters = std::mem::take(&mut self.parameters);
+        submit(self.gpu, recorded, &parameters)
+    }
+}
+
+fn submit(
+    gpu: &Gpu,
+    recorded: wgpu::CommandEncoder,
+    parameters: &[u8],
+) -> Result<wgpu::SubmissionIndex, GpuError> {
+    // two threads may submit: neither may write the other's parameters
+    let _held = gpu.submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    if !parameters.is_empty() {
+        gpu.write(&gpu.arena, 0, parameters);
+    }
+    let index = gpu.queue().submit([recorded.finish()]);
+    gpu.traffic.submission();
+    gpu.check().map(|()| index)
 }
 
 enum Bound {

@@ -102,7 +102,17 @@ impl Gpu {
 
     /// Waits until everything that was submitted is done.
     pub fn wait(&self) -> Result<(), GpuError> {
-        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.poll(wgpu::PollType::wait_indefinitely())
+    }
+
+    /// Waits until this submission is done, and those before it.
+    pub fn wait_for(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
+    }
+
+    fn poll(&self, until: wgpu::PollType) -> Result<(), GpuError> {
+        self.traffic.wait();
+        let polled = self.device.poll(until);
         self.check()?;
         polled.map(|_| ()).map_err(|error| GpuError::Lost { reason: error.to_string() })
     }

@@ -1,6 +1,6 @@
 //! A pipeline, wherever its stages run.
 
-use super::{FrameOutcome, Pipeline, PipelineError};
+use super::{Buffer, BufferValues, FrameOutcome, Pipeline, PipelineError};
 use crate::capture::RawFrame;
 use crate::config::Settings;
 use crate::image::Image;
@@ -22,6 +22,9 @@ pub trait Backend {
 
     fn mesh(&self) -> Result<TriangleMesh, PipelineError>;
 
+    /// An intermediate buffer of the newest frame, where it has one.
+    fn buffer(&self, which: Buffer) -> Result<Option<BufferValues>, PipelineError>;
+
     /// What computes, for the files of a run.
     fn record(&self) -> BackendRecord;
 
@@ -40,9 +43,13 @@ pub struct BackendRecord {
     pub clock: String,
     /// Between host and device; from two frames on.
     pub traffic: Option<FrameTraffic>,
+    /// Of the volume, on the device.
+    #[serde(default)]
+    pub volume_bytes: Option<u64>,
 }
 
-/// Mean bytes a frame, the first left out, which also brings tables and models.
+/// Mean bytes a frame, the first left out, which also brings tables and models; and how often a frame is
+/// handed over in parts.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FrameTraffic {
     /// Pictures, parameters and objects.
@@ -51,12 +58,18 @@ pub struct FrameTraffic {
     pub read_back: u64,
     /// The part of `read_back` that is the composed picture.
     pub picture: u64,
+    /// Times that the device is given work.
+    #[serde(default)]
+    pub submissions: f64,
+    /// Times that the host waits for the device.
+    #[serde(default)]
+    pub waits: f64,
 }
 
 impl BackendRecord {
     pub fn cpu() -> Self {
         let clock = "host".to_owned();
-        Self { name: "cpu".to_owned(), adapter: None, clock, traffic: None }
+        Self { name: "cpu".to_owned(), adapter: None, clock, traffic: None, volume_bytes: None }
     }
 }
 
@@ -66,11 +79,13 @@ impl std::fmt::Display for BackendRecord {
         if let Some(adapter) = &self.adapter {
             write!(f, ": {adapter}")?;
         }
-        if let Some(FrameTraffic { uploaded, read_back, picture }) = self.traffic {
+        if let Some(traffic) = self.traffic {
+            let FrameTraffic { uploaded, read_back, picture, submissions, waits } = traffic;
             let kib = |bytes: u64| bytes as f64 / 1024.0;
             write!(
                 f,
-                "; {:.0} KiB up and {:.0} KiB back a frame, {:.0} KiB of it the picture",
+                "; {:.0} KiB up and {:.0} KiB back a frame, {:.0} KiB of it the picture; \
+                 {submissions:.1} submissions and {waits:.1} waits a frame",
                 kib(uploaded),
                 kib(read_back),
                 kib(picture)
@@ -103,6 +118,10 @@ impl Backend for Pipeline {
 
     fn mesh(&self) -> Result<TriangleMesh, PipelineError> {
         Ok(self.mesh())
+    }
+
+    fn buffer(&self, which: Buffer) -> Result<Option<BufferValues>, PipelineError> {
+        Ok(self.buffer(which))
     }
 
     fn record(&self) -> BackendRecord {

@@ -1,6 +1,9 @@
 //! A run outlives its graphics device.
 
-use super::{Backend, BackendRecord, FrameOutcome, GpuPipeline, Pipeline, PipelineError};
+use super::{
+    Backend, BackendRecord, Buffer, BufferValues, FrameOutcome, GpuPipeline, Pipeline,
+    PipelineError,
+};
 use crate::capture::RawFrame;
 use crate::config::Settings;
 use crate::fusion::FusionError;
@@ -83,6 +86,10 @@ impl Backend for WithFallback {
 
     fn mesh(&self) -> Result<TriangleMesh, PipelineError> {
         self.running().mesh()
+    }
+
+    fn buffer(&self, which: Buffer) -> Result<Option<BufferValues>, PipelineError> {
+        self.running().buffer(which)
     }
 
     fn record(&self) -> BackendRecord {

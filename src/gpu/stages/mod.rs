@@ -31,7 +31,7 @@ pub use fusion::{EmptySpacePass, GpuVolume, RayCaster, SurfacePass};
 pub use input::{FramePictures, InputPass};
 pub use light_samples::LightSamplesPass;
 pub use raster::{Drawn, RasterPass};
-pub use tracking::{GpuTracker, RenderModel};
+pub use tracking::{GpuTracker, RenderModel, TrackedFrame};
 pub use transfer::{GpuBuffers, GpuRadiance, MAX_VIEWS, TransferPass};
 pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
 pub use transfer_traced::TracedTransferPass;
