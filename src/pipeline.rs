@@ -12,10 +12,10 @@ mod shared;
 #[cfg(test)]
 mod tests;
 
-pub use backend::{Backend, BackendRecord, FrameTraffic};
+pub use backend::{Backend, BackendRecord, FrameTraffic, Handover};
 pub use buffers::{Buffer, BufferValues};
 #[cfg(feature = "gpu")]
-pub use fallback::WithFallback;
+pub use fallback::{OpenDevice, WithFallback};
 #[cfg(feature = "gpu")]
 pub use on_gpu::GpuPipeline;
 pub use origin::WorldOrigin;

@@ -94,6 +94,7 @@ pub fn replay(
     // What ended the run comes before what may follow from it: a full disk takes no mesh either.
     ended?;
     finished?;
+    pipeline.check()?;
     Ok(summary)
 }
 

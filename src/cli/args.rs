@@ -112,6 +112,15 @@ pub struct RunArgs {
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
+    /// Destroy the graphics device before each of these frames: the way to try what a run does when a
+    /// driver resets. It is opened anew once; named again, a frame takes that device, too.
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "FRAME", value_delimiter = ',', hide = true)]
+    pub lose_gpu_at: Vec<usize>,
+    /// MiB of the graphics device's memory that may be used: the way to try what a run does without enough.
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "MIB", hide = true)]
+    pub gpu_memory: Option<u64>,
     /// Where camera poses come from.
     #[arg(long, value_enum)]
     pub poses: Option<Poses>,

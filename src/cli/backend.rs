@@ -4,7 +4,7 @@ use super::CliError;
 use super::args::{Backend as Asked, RunArgs};
 use kinlight::config::Settings;
 #[cfg(feature = "gpu")]
-use kinlight::gpu::{AdapterChoice, Gpu, diagnosis::diagnose};
+use kinlight::gpu::{AdapterChoice, Gpu, GpuError, diagnosis};
 use kinlight::math::Pinhole;
 use kinlight::pipeline::{Backend, Pipeline, PipelineError};
 #[cfg(feature = "gpu")]
@@ -17,33 +17,39 @@ use std::sync::Arc;
 pub enum Device {
     Cpu,
     #[cfg(feature = "gpu")]
-    Gpu(Arc<Gpu>),
+    Gpu(GpuDevice),
 }
 
 impl Device {
-    /// As the arguments ask for.
+    /// As the arguments ask for. What the GPU cannot do leads to the CPU, unless it was asked for.
     #[cfg(feature = "gpu")]
     pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
-        let usage = |problem: String| CliError::Usage(problem);
+        let named = run.adapter.is_some();
         let choice = run.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
         match run.backend {
-            Asked::Cpu if run.adapter.is_some() => {
-                Err(usage("--adapter names a graphics device, --backend cpu takes none".into()))
-            }
+            Asked::Cpu if named => Err(CliError::Usage(
+                "--adapter names a graphics device, --backend cpu takes none".into(),
+            )),
             Asked::Cpu => Ok(Self::Cpu),
-            Asked::Gpu => Self::open(&choice),
-            Asked::Auto => {
-                let (_, verdict) = diagnose(&choice).map_err(|e| usage(e.to_string()))?;
-                match verdict.adapter {
-                    Some(name) => Self::open(&AdapterChoice::Named(name)),
-                    None if run.adapter.is_some() => Err(usage(verdict.because)),
-                    None => {
-                        log::debug!("on the CPU: {}", verdict.because);
-                        Ok(Self::Cpu)
-                    }
-                }
+            Asked::Gpu => {
+                let gpu = Gpu::open(&choice).map_err(unusable)?;
+                Ok(Self::Gpu(GpuDevice::new(gpu, run)))
             }
+            Asked::Auto => match diagnosis::take(&choice).map_err(unusable)? {
+                diagnosis::Taken::Gpu(gpu) => Ok(Self::Gpu(GpuDevice::new(*gpu, run))),
+                diagnosis::Taken::Cpu { because } => Self::no_gpu(named, because),
+            },
         }
+    }
+
+    /// The CPU, unless a graphics device was asked for by name.
+    #[cfg(feature = "gpu")]
+    fn no_gpu(named: bool, because: String) -> Result<Self, CliError> {
+        if named {
+            return Err(CliError::Usage(because));
+        }
+        log::debug!("on the CPU: {because}");
+        Ok(Self::Cpu)
     }
 
     #[cfg(not(feature = "gpu"))]
@@ -51,13 +57,6 @@ impl Device {
         match run.backend {
             Asked::Auto | Asked::Cpu => Ok(Self::Cpu),
         }
-    }
-
-    #[cfg(feature = "gpu")]
-    fn open(choice: &AdapterChoice) -> Result<Self, CliError> {
-        let gpu = Gpu::open(choice).map_err(|e| CliError::Usage(e.to_string()))?;
-        log::info!("on {}", gpu.summary());
-        Ok(Self::Gpu(gpu.into()))
     }
 
     /// As in the name of its profile.
@@ -74,14 +73,83 @@ impl Device {
         settings: Settings,
         camera: Pinhole,
         scene: VirtualScene,
-    ) -> Result<Box<dyn Backend>, PipelineError> {
-        Ok(match self {
-            Self::Cpu => Box::new(Pipeline::new(settings, camera, scene)?),
+    ) -> Result<Box<dyn Backend>, CliError> {
+        let made: Result<Box<dyn Backend>, PipelineError> = match self {
+            Self::Cpu => Pipeline::new(settings, camera, scene).map(|p| Box::new(p) as _),
             #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => {
-                let pipeline = GpuPipeline::new(gpu.clone(), settings, camera, scene)?;
-                Box::new(WithFallback::new(pipeline))
-            }
-        })
+            Self::Gpu(device) => device.pipeline(settings, camera, scene),
+        };
+        made.map_err(|e| CliError::Run(e.to_string()))
     }
+}
+
+/// A graphics device, and what was asked for with it.
+#[cfg(feature = "gpu")]
+pub struct GpuDevice {
+    gpu: Arc<Gpu>,
+    /// The CPU is no substitute for what the device can't do from the start.
+    insists: bool,
+    lose_at: Vec<usize>,
+    memory_bytes: Option<u64>,
+}
+
+#[cfg(feature = "gpu")]
+impl GpuDevice {
+    fn new(gpu: Gpu, run: &RunArgs) -> Self {
+        log::info!("on {}", gpu.summary());
+        let memory_bytes = run.gpu_memory.map(|mib| mib << 20);
+        memory_bytes.inspect(|&bytes| gpu.limit_memory(bytes));
+        Self {
+            gpu: gpu.into(),
+            insists: run.backend == Asked::Gpu,
+            lose_at: run.lose_gpu_at.clone(),
+            memory_bytes,
+        }
+    }
+
+    fn pipeline(
+        &self,
+        settings: Settings,
+        camera: Pinhole,
+        scene: VirtualScene,
+    ) -> Result<Box<dyn Backend>, PipelineError> {
+        match self.on_gpu(settings.clone(), camera, scene.clone()) {
+            Err(error) if error.is_the_devices() && !self.insists => {
+                log::warn!("{error}; going on with the CPU backend");
+                Ok(Box::new(Pipeline::new(settings, camera, scene)?))
+            }
+            made => Ok(Box::new(made?)),
+        }
+    }
+
+    fn on_gpu(
+        &self,
+        settings: Settings,
+        camera: Pinhole,
+        scene: VirtualScene,
+    ) -> Result<WithFallback, PipelineError> {
+        // the run before may have lost it
+        let gpu = match self.gpu.check() {
+            Ok(()) => self.gpu.clone(),
+            Err(_) => Arc::new(open_again(&self.gpu.summary().name, self.memory_bytes)?),
+        };
+        let (name, memory_bytes) = (gpu.summary().name.clone(), self.memory_bytes);
+        let pipeline = GpuPipeline::new(gpu, settings, camera, scene)?;
+        Ok(WithFallback::new(pipeline)
+            .reopening(Box::new(move || open_again(&name, memory_bytes)))
+            .insisting(self.insists)
+            .losing_device_before(&self.lose_at))
+    }
+}
+
+#[cfg(feature = "gpu")]
+fn open_again(name: &str, memory_bytes: Option<u64>) -> Result<Gpu, GpuError> {
+    let gpu = Gpu::open(&AdapterChoice::Named(name.to_owned()))?;
+    memory_bytes.inspect(|&bytes| gpu.limit_memory(bytes));
+    Ok(gpu)
+}
+
+#[cfg(feature = "gpu")]
+fn unusable(error: GpuError) -> CliError {
+    CliError::Usage(error.to_string())
 }

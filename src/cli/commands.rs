@@ -163,10 +163,7 @@ impl Run<'_> {
                 (governor.rung().name.clone(), governor.rung().settings.clone(), Some(governor))
             }
         };
-        let mut pipeline = self
-            .device
-            .pipeline(settings, source.camera(), scene)
-            .map_err(|e| CliError::Run(e.to_string()))?;
+        let mut pipeline = self.device.pipeline(settings, source.camera(), scene)?;
         let buffers = self.dump.iter().map(|&buffer| {
             let picture: BufferPicture = Box::new(move |p| pictures::of(buffer, p));
             (pictures::folder(buffer), picture)

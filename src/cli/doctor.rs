@@ -41,8 +41,9 @@ fn describe(report: &AdapterReport) -> String {
         text += &format!("  falls short of WebGPU's {name}: {has} of {needed}\n");
     }
     match &report.opens {
-        Ok(()) => text += "  opens with WebGPU's default limits",
-        Err(error) => text += &format!("  does not open: {error}"),
+        None => text += "  was not opened",
+        Some(Ok(())) => text += "  opens with WebGPU's default limits",
+        Some(Err(error)) => text += &format!("  does not open: {error}"),
     }
     text
 }
@@ -59,7 +60,7 @@ fn as_json(reports: &[AdapterReport], verdict: &Verdict) -> serde_json::Value {
                 "features": report.features().0,
                 "limits": report.limits().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
                 "short_of": report.short_of.iter().map(|(name, ..)| name).collect::<Vec<_>>(),
-                "error": report.opens.as_ref().err().map(ToString::to_string),
+                "error": report.opens.as_ref().and_then(|o| o.as_ref().err()).map(ToString::to_string),
             })
         })
         .collect();

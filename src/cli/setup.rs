@@ -18,6 +18,11 @@ pub fn start_logging(verbose: u8) {
     env_logger::Builder::new()
         .filter_level(log::LevelFilter::Warn)
         .filter_module("kinlight", level)
+        // to it, a machine without a device is an error; what follows from that is said here
+        .filter_module(
+            "wgpu_hal::vulkan::instance",
+            if verbose == 0 { log::LevelFilter::Off } else { log::LevelFilter::Warn },
+        )
         .format_timestamp(None)
         .format_target(false)
         .init();

@@ -1,7 +1,7 @@
 //! Which devices there are, and which of them is taken.
 
 use super::GpuError;
-use wgpu::{Backends, DeviceType, Features, Limits};
+use wgpu::{Backends, DeviceType, Features, InstanceFlags, Limits};
 
 /// Which adapter is wanted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -75,9 +75,14 @@ pub struct Adapters {
 
 impl Adapters {
     /// Asks Vulkan, Metal and D3D12, as far as this platform has them; `WGPU_BACKEND` may narrow that.
+    /// Drivers' own messages and checks are for tests, and for `WGPU_DEBUG=1` and `WGPU_VALIDATION=1`: to
+    /// them, a machine without a device is an error.
     pub fn find() -> Self {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
         descriptor.backends &= Backends::PRIMARY;
+        if !cfg!(test) {
+            descriptor.flags = InstanceFlags::VALIDATION_INDIRECT_CALL.with_env();
+        }
         let backends = descriptor.backends;
         let instance = wgpu::Instance::new(descriptor);
         let adapters = pollster::block_on(instance.enumerate_adapters(backends));
@@ -107,6 +112,17 @@ impl Adapters {
             }
         };
         Ok((&chosen.0, &chosen.1))
+    }
+
+    /// Those among which the choice is made, the best first.
+    pub(super) fn wanted(
+        &self,
+        choice: &AdapterChoice,
+    ) -> Result<Vec<(&wgpu::Adapter, &AdapterSummary)>, GpuError> {
+        match choice {
+            AdapterChoice::Best => Ok(self.iter().collect()),
+            AdapterChoice::Named(_) => Ok(vec![self.choose(choice)?]),
+        }
     }
 
     fn unknown(&self, asked: &str) -> GpuError {

@@ -1,5 +1,6 @@
 //! Typed memory on the device.
 
+use super::memory::{Share, mib};
 use super::{Gpu, GpuError};
 use crate::image::{Image, Size};
 use bytemuck::Pod;
@@ -9,6 +10,7 @@ use wgpu::BufferUsages;
 /// `len` values of type `T`.
 pub struct GpuBuffer<T> {
     raw: wgpu::Buffer,
+    _share: Share,
     len: usize,
     label: &'static str,
     holds: PhantomData<T>,
@@ -47,20 +49,28 @@ impl<T: Pod> GpuBuffer<T> {
         more: BufferUsages,
     ) -> Result<Self, GpuError> {
         let bytes = (len.max(1) * size_of::<T>()).next_multiple_of(4) as u64;
-        let limit = gpu.limits().max_storage_buffer_binding_size;
-        if bytes > limit {
-            let what = format!("{label} needs {bytes} bytes, a binding holds {limit}");
-            return Err(GpuError::OutOfMemory { what });
+        let refused = |reason: String| {
+            let what = format!("{label} needs {}, and {} {reason}", mib(bytes), gpu.summary().name);
+            GpuError::OutOfMemory { what }
+        };
+        let most = gpu.limits().max_storage_buffer_binding_size;
+        if bytes > most {
+            return Err(refused(format!("binds {} at most", mib(most))));
         }
+        let share = gpu.memory.take(label, bytes)?;
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC | more;
+        let scope = gpu.device().push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let raw = gpu.device().create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: bytes,
             usage,
             mapped_at_creation: false,
         });
+        if let Some(error) = pollster::block_on(scope.pop()) {
+            return Err(refused(format!("has no room for it: {error}")));
+        }
         gpu.check()?;
-        Ok(Self { raw, len, label, holds: PhantomData })
+        Ok(Self { raw, _share: share, len, label, holds: PhantomData })
     }
 
     /// With these values.

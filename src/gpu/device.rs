@@ -1,5 +1,6 @@
 //! One opened device.
 
+use super::memory::Memory;
 use super::pipeline::Pipeline;
 use super::traffic::TrafficCounter;
 use super::{AdapterChoice, AdapterSummary, Adapters, Commands, GpuError, Shader, Traffic};
@@ -22,6 +23,7 @@ pub struct Gpu {
     /// Held from writing the arena until its commands are submitted.
     pub(super) submitting: Mutex<()>,
     pub(super) traffic: TrafficCounter,
+    pub(super) memory: Arc<Memory>,
     pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
     drawing_pipelines: Mutex<Pipelines<wgpu::RenderPipeline>>,
     failures: Arc<Failures>,
@@ -32,6 +34,24 @@ pub struct Gpu {
 struct Failures {
     lost: OnceLock<String>,
     first: OnceLock<GpuError>,
+}
+
+impl Failures {
+    /// # Panics
+    /// In unit tests, which share a device: so that the test fails that made the mistake, and does so even
+    /// if it submits nothing more. What a lost device reports follows from its loss alone.
+    fn add(&self, error: wgpu::Error) {
+        let error = match error {
+            wgpu::Error::OutOfMemory { source } => {
+                GpuError::OutOfMemory { what: source.to_string() }
+            }
+            other => GpuError::Refused(other.to_string()),
+        };
+        let _ = self.first.set(error.clone());
+        if cfg!(test) && self.lost.get().is_none() {
+            panic!("{error}");
+        }
+    }
 }
 
 impl Gpu {
@@ -60,14 +80,7 @@ impl Gpu {
         })?;
         let failures = Arc::new(Failures::default());
         let on_error = failures.clone();
-        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            let _ = on_error.first.set(match error {
-                wgpu::Error::OutOfMemory { source } => {
-                    GpuError::OutOfMemory { what: source.to_string() }
-                }
-                other => GpuError::Refused(other.to_string()),
-            });
-        }));
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.add(error)));
         let on_loss = failures.clone();
         device.set_device_lost_callback(move |reason, message| {
             let _ = on_loss.lost.set(format!("{reason:?} {message}"));
@@ -85,6 +98,7 @@ impl Gpu {
             arena,
             submitting: Mutex::default(),
             traffic: TrafficCounter::default(),
+            memory: Arc::default(),
             pipelines: Mutex::default(),
             drawing_pipelines: Mutex::default(),
             failures,
@@ -92,7 +106,7 @@ impl Gpu {
     }
 
     /// The first error since the device was opened. wgpu reports most of them some time after the call
-    /// that caused them.
+    /// that caused them: every submission and every wait asks, and the end of a run.
     pub fn check(&self) -> Result<(), GpuError> {
         if let Some(reason) = self.failures.lost.get() {
             return Err(GpuError::Lost { reason: reason.clone() });
@@ -140,6 +154,23 @@ impl Gpu {
         self.queue.write_buffer(buffer, offset, bytes);
     }
 
+    /// Buffers that would take more than this together are refused from here on; the device is not asked.
+    pub fn limit_memory(&self, bytes: u64) {
+        self.memory.limit(bytes);
+    }
+
+    /// Bytes of all buffers.
+    pub fn memory_taken(&self) -> u64 {
+        self.memory.taken()
+    }
+
+    /// Ends the device: from here on it is lost, as after a reset of its driver.
+    pub fn destroy(&self) {
+        self.device.destroy();
+        // wgpu calls it lost when it is asked and nothing is left to do; `check` says so from then on
+        let _ = self.device.poll(wgpu::PollType::wait_indefinitely());
+    }
+
     pub fn traffic(&self) -> Traffic {
         self.traffic.total()
     }
@@ -178,4 +209,49 @@ fn compiled_once<R>(
     let pipeline = compile()?;
     known.insert(key, pipeline.clone());
     Ok(pipeline)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::stages::test_support;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    fn device_of_its_own() -> Option<Gpu> {
+        test_support::gpu()?;
+        Some(Gpu::open(&AdapterChoice::Best).expect("it opened before"))
+    }
+
+    /// Larger than the device allows.
+    fn make_a_mistake(gpu: &Gpu) {
+        gpu.device().create_buffer(&wgpu::BufferDescriptor {
+            label: Some("a mistake"),
+            size: gpu.limits().max_buffer_size + 4,
+            usage: wgpu::BufferUsages::STORAGE,
+            mapped_at_creation: false,
+        });
+    }
+
+    #[test]
+    fn a_mistake_fails_where_it_is_made_and_every_command_after_it() {
+        let Some(gpu) = device_of_its_own() else { return };
+        gpu.commands().submit().expect("nothing is wrong yet");
+        let panicked = catch_unwind(AssertUnwindSafe(|| make_a_mistake(&gpu)));
+        assert!(panicked.is_err(), "a test that does this alone must fail");
+        let refused =
+            |error: &GpuError| matches!(error, GpuError::Refused(why) if why.contains("a mistake"));
+        for result in [gpu.commands().submit(), gpu.wait(), gpu.check()] {
+            assert!(result.as_ref().is_err_and(refused), "{result:?}");
+        }
+    }
+
+    #[test]
+    fn a_lost_device_says_so_whatever_else_goes_wrong() {
+        let Some(gpu) = device_of_its_own() else { return };
+        gpu.destroy();
+        make_a_mistake(&gpu);
+        for result in [gpu.commands().submit(), gpu.wait(), gpu.check()] {
+            assert!(result.as_ref().is_err_and(GpuError::is_lost), "{result:?}");
+        }
+    }
 }

@@ -16,8 +16,8 @@ pub struct AdapterReport {
     pub summary: AdapterSummary,
     /// WebGPU's limits that it falls short of: limit, its own, needed.
     pub short_of: Vec<(String, u64, u64)>,
-    /// Whether a device could be opened.
-    pub opens: Result<(), GpuError>,
+    /// Whether a device could be opened; `None` where that was not tried.
+    pub opens: Option<Result<(), GpuError>>,
 }
 
 impl AdapterReport {
@@ -42,8 +42,37 @@ impl AdapterReport {
         ]
     }
 
+    /// With its device, where it is fit to compute.
+    fn open(adapter: &wgpu::Adapter, summary: &AdapterSummary) -> (Self, Option<Gpu>) {
+        let opened = Gpu::open_adapter(adapter, summary);
+        let (gpu, opens) = match opened {
+            Ok(gpu) => (Some(gpu), Ok(())),
+            Err(error) => (None, Err(error)),
+        };
+        let report = Self { opens: Some(opens), ..Self::unopened(summary) };
+        let gpu = gpu.filter(|_| report.is_fit());
+        (report, gpu)
+    }
+
+    fn unopened(summary: &AdapterSummary) -> Self {
+        let short_of = short_of(&summary.limits);
+        Self { summary: summary.clone(), short_of, opens: None }
+    }
+
     fn is_fit(&self) -> bool {
-        self.short_of.is_empty() && self.opens.is_ok()
+        self.short_of.is_empty() && matches!(self.opens, Some(Ok(())))
+    }
+
+    /// What is wrong with a device that was tried.
+    fn obstacle(&self) -> Option<String> {
+        match (self.short_of.first(), &self.opens) {
+            (_, Some(Err(error))) => Some(error.to_string()),
+            (Some((limit, has, needed)), Some(Ok(()))) => {
+                let name = &self.summary.name;
+                Some(format!("{name} falls short of WebGPU's {limit}: {has} of {needed}"))
+            }
+            _ => None,
+        }
     }
 }
 
@@ -55,44 +84,60 @@ pub struct Verdict {
     pub because: String,
 }
 
-/// Looks at all adapters; a choice by name leaves the others out.
+/// What computes.
+pub enum Taken {
+    Gpu(Box<Gpu>),
+    Cpu { because: String },
+}
+
+/// Opens all adapters and judges them; a choice by name leaves the others out.
 pub fn diagnose(choice: &AdapterChoice) -> Result<(Vec<AdapterReport>, Verdict), GpuError> {
     let adapters = Adapters::find();
-    let chosen = match choice {
-        AdapterChoice::Best => None,
-        AdapterChoice::Named(_) => Some(adapters.choose(choice)?.1.clone()),
-    };
-    let reports: Vec<_> = adapters
-        .iter()
-        .filter(|(_, summary)| chosen.as_ref().is_none_or(|c| c == *summary))
-        .map(|(adapter, summary)| AdapterReport {
-            summary: summary.clone(),
-            short_of: short_of(&summary.limits),
-            opens: Gpu::open_adapter(adapter, summary).map(|_| ()),
-        })
-        .collect();
-    let verdict = judge(&reports, chosen.is_some());
+    let wanted = adapters.wanted(choice)?;
+    let reports: Vec<_> = wanted.into_iter().map(|(a, s)| AdapterReport::open(a, s).0).collect();
+    let verdict = judge(&reports, *choice != AdapterChoice::Best);
     Ok((reports, verdict))
 }
 
-/// A software device is taken only where it was asked for by name: it is right, but the CPU backend is
-/// many times faster on the same processor.
-fn judge(reports: &[AdapterReport], asked_for: bool) -> Verdict {
-    let cpu = |because: &str| Verdict { adapter: None, because: because.to_owned() };
-    if reports.is_empty() {
-        return cpu("no adapter was found");
-    }
-    let Some(fit) = reports.iter().find(|r| r.is_fit()) else {
-        return cpu("no adapter is fit");
-    };
-    let adapter = Some(fit.summary.name.clone());
-    match (fit.summary.is_software(), asked_for) {
-        (_, true) => Verdict { adapter, because: "it was asked for".into() },
-        (false, _) => Verdict { adapter, because: "it is the best that was found".into() },
-        (true, false) => {
-            cpu("all adapters compute in software, and the CPU backend is faster than that")
+/// What [`diagnose`] would take, ready to compute. Opens no adapter that cannot be taken, and none after it.
+pub fn take(choice: &AdapterChoice) -> Result<Taken, GpuError> {
+    let adapters = Adapters::find();
+    let asked_for = *choice != AdapterChoice::Best;
+    let mut reports = Vec::new();
+    for (adapter, summary) in adapters.wanted(choice)? {
+        if !may_be_taken(summary, asked_for) {
+            reports.push(AdapterReport::unopened(summary));
+            continue;
         }
+        let (report, gpu) = AdapterReport::open(adapter, summary);
+        if let Some(gpu) = gpu {
+            return Ok(Taken::Gpu(gpu.into()));
+        }
+        reports.push(report);
     }
+    Ok(Taken::Cpu { because: judge(&reports, asked_for).because })
+}
+
+/// A software device only where it was asked for by name: it is right, but the CPU backend is many times
+/// faster on the same processor.
+fn may_be_taken(summary: &AdapterSummary, asked_for: bool) -> bool {
+    asked_for || !summary.is_software()
+}
+
+fn judge(reports: &[AdapterReport], asked_for: bool) -> Verdict {
+    let candidates = || reports.iter().filter(|r| may_be_taken(&r.summary, asked_for));
+    if let Some(fit) = candidates().find(|r| r.is_fit()) {
+        let reason = if asked_for { "it was asked for" } else { "it is the best that was found" };
+        return Verdict { adapter: Some(fit.summary.name.clone()), because: reason.into() };
+    }
+    let because = if let Some(obstacle) = candidates().find_map(AdapterReport::obstacle) {
+        format!("no adapter is fit: {obstacle}")
+    } else if reports.is_empty() {
+        "no adapter was found".to_owned()
+    } else {
+        "all adapters compute in software, and the CPU backend is faster than that".to_owned()
+    };
+    Verdict { adapter: None, because }
 }
 
 fn short_of(limits: &Limits) -> Vec<(String, u64, u64)> {
@@ -117,7 +162,7 @@ mod tests {
             features: Features::SUBGROUP,
             limits: limits.clone(),
         };
-        AdapterReport { summary, short_of: short_of(&limits), opens: Ok(()) }
+        AdapterReport { opens: Some(Ok(())), ..AdapterReport::unopened(&summary) }
     }
 
     #[test]
@@ -130,12 +175,30 @@ mod tests {
         assert_eq!(judge(&[gpu, cpu], false).adapter.as_deref(), Some("IntegratedGpu"));
     }
 
+    /// A run takes what the diagnosis says, and opens no software device for that unasked.
+    #[test]
+    fn a_run_takes_what_the_diagnosis_names() {
+        let Some(gpu) = crate::gpu::stages::test_support::gpu() else { return };
+        let named = AdapterChoice::Named(gpu.summary().name.clone());
+        for choice in [AdapterChoice::Best, named] {
+            let (_, verdict) = diagnose(&choice).expect("there is an adapter");
+            match take(&choice).expect("there is an adapter") {
+                Taken::Gpu(gpu) => assert_eq!(Some(&gpu.summary().name), verdict.adapter.as_ref()),
+                Taken::Cpu { because } => {
+                    assert_eq!((because, None), (verdict.because, verdict.adapter))
+                }
+            }
+        }
+    }
+
     #[test]
     fn a_device_short_of_a_limit_is_not_fit() {
         let limits = Limits { max_storage_buffers_per_shader_stage: 4, ..Limits::default() };
         let weak = report(DeviceType::DiscreteGpu, limits);
         assert_eq!(weak.short_of, [("max_storage_buffers_per_shader_stage".to_owned(), 4, 8)]);
-        assert_eq!(judge(std::slice::from_ref(&weak), false).adapter, None);
+        let verdict = judge(std::slice::from_ref(&weak), false);
+        assert_eq!(verdict.adapter, None);
+        assert!(verdict.because.contains("max_storage_buffers_per_shader_stage: 4 of 8"));
         let (there, missing) = weak.features();
         assert_eq!((there, missing), (vec!["subgroups"], vec!["timestamps", "16-bit floats"]));
     }

@@ -7,12 +7,13 @@ pub enum GpuError {
         "no Vulkan, Metal or D3D12 adapter was found; on Debian, mesa-vulkan-drivers brings a software one"
     )]
     NoAdapter,
-    #[error("no adapter's name contains '{asked}'; there are: {known}")]
+    #[error("no adapter's name or driver contains '{asked}'; there are: {known}")]
     UnknownAdapter { asked: String, known: String },
     #[error("{adapter} falls short of WebGPU's limits: {problem}")]
     Device { adapter: String, problem: String },
     #[error("the device was lost: {reason}")]
     Lost { reason: String },
+    /// `what` names what was asked for, its size and what there is.
     #[error("out of GPU memory: {what}")]
     OutOfMemory { what: String },
     #[error("the device refused a command: {0}")]
@@ -24,8 +25,13 @@ pub enum GpuError {
 }
 
 impl GpuError {
-    /// Whether the device is gone for good: everything on it must be made anew, here or on the CPU.
+    /// Whether the device is gone for good, with everything on it.
     pub fn is_lost(&self) -> bool {
-        matches!(self, Self::Lost { .. } | Self::OutOfMemory { .. })
+        matches!(self, Self::Lost { .. })
+    }
+
+    /// Whether the device is too small for what was asked of it.
+    pub fn is_out_of_memory(&self) -> bool {
+        matches!(self, Self::OutOfMemory { .. })
     }
 }

@@ -18,6 +18,7 @@ mod device;
 pub mod diagnosis;
 mod drawing;
 mod error;
+mod memory;
 pub mod parity;
 mod pipeline;
 mod read_back;
@@ -26,6 +27,8 @@ mod shader;
 mod shader_tests;
 mod stage_timer;
 pub mod stages;
+#[cfg(test)]
+mod test_log;
 mod traffic;
 mod uniform;
 mod view;

@@ -28,6 +28,11 @@ pub trait Backend {
     /// What computes, for the files of a run.
     fn record(&self) -> BackendRecord;
 
+    /// What has gone wrong and was no call's result.
+    fn check(&self) -> Result<(), PipelineError> {
+        Ok(())
+    }
+
     /// The pipeline whose buffers are in the host's memory, if this is one.
     fn on_host(&self) -> Option<&Pipeline>;
 }
@@ -46,6 +51,18 @@ pub struct BackendRecord {
     /// Of the volume, on the device.
     #[serde(default)]
     pub volume_bytes: Option<u64>,
+    /// Where the run went on elsewhere.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub handovers: Vec<Handover>,
+}
+
+/// A frame from which on another device computed.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Handover {
+    pub frame: usize,
+    /// "cpu", or "gpu" for a device that was opened anew.
+    pub to: String,
+    pub because: String,
 }
 
 /// Mean bytes a frame, the first left out, which also brings tables and models; and how often a frame is
@@ -69,13 +86,30 @@ pub struct FrameTraffic {
 impl BackendRecord {
     pub fn cpu() -> Self {
         let clock = "host".to_owned();
-        Self { name: "cpu".to_owned(), adapter: None, clock, traffic: None, volume_bytes: None }
+        Self {
+            name: "cpu".to_owned(),
+            adapter: None,
+            clock,
+            traffic: None,
+            volume_bytes: None,
+            handovers: Vec::new(),
+        }
+    }
+
+    /// What computed from which frame on, as "gpu, cpu from frame 20".
+    pub fn history(&self) -> String {
+        let first = if self.handovers.is_empty() { self.name.as_str() } else { "gpu" };
+        let then = self.handovers.iter().map(|h| match h.to.as_str() {
+            "gpu" => format!(", gpu opened anew from frame {}", h.frame),
+            to => format!(", {to} from frame {}", h.frame),
+        });
+        std::iter::once(first.to_owned()).chain(then).collect()
     }
 }
 
 impl std::fmt::Display for BackendRecord {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.name)?;
+        f.write_str(&self.history())?;
         if let Some(adapter) = &self.adapter {
             write!(f, ": {adapter}")?;
         }

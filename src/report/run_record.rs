@@ -27,7 +27,7 @@ impl RunRecord {
             preset: preset.to_owned(),
             sequence: sequence.display().to_string(),
             command: words.join(" "),
-            machine: Machine { backend: backend.name, ..Machine::here() },
+            machine: Machine { backend: backend.history(), ..Machine::here() },
         }
     }
 

@@ -7,7 +7,7 @@ pub struct Machine {
     pub cpu: String,
     pub threads: usize,
     pub system: String,
-    /// "cpu" or "gpu".
+    /// "cpu" or "gpu", and from which frame on another.
     pub backend: String,
     /// Of this program.
     pub version: String,

@@ -10,6 +10,7 @@ use std::sync::OnceLock;
 /// a failure.
 pub fn gpu() -> Option<&'static Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
+    crate::gpu::test_log::fail_on_warnings();
     let gpu = GPU.get_or_init(|| match Gpu::open(&AdapterChoice::Best) {
         Ok(gpu) => Some(gpu),
         Err(error) if std::env::var_os("KINLIGHT_REQUIRE_GPU").is_some() => {

@@ -48,6 +48,7 @@ impl Backend for GpuPipeline {
             adapter: Some(self.gpu.summary().to_string()),
             clock: self.clock.name().to_owned(),
             traffic: self.traffic.of_a_frame(),
+            handovers: Vec::new(),
             volume_bytes: self.map.as_ref().map(|m| m.volume.memory_bytes() as u64),
         }
     }
