@@ -1,6 +1,8 @@
 //! A run outlives its graphics device.
 
-use super::{Backend, BackendRecord, Buffer, BufferValues, FrameOutcome, GpuPipeline, Handover, Map};
+use super::{
+    Backend, BackendRecord, Buffer, BufferValues, FrameOutcome, GpuPipeline, Handover, Map,
+};
 use super::{MergedSides, Pipeline, PipelineError};
 use crate::capture::RawFrame;
 use crate::config::Settings;
