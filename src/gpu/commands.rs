@@ -2,6 +2,8 @@
 
 use super::device::ARENA_BYTES;
 use super::pipeline::{Access, Pipeline};
+use super::profile::Profile;
+use super::roofline::Work;
 use super::stage_timer::{PassMarks, StageTimer};
 use super::{Gpu, GpuBuffer, GpuError, SampleTargets, Shader, Uniform};
 use crate::image::Size;
@@ -19,17 +21,28 @@ pub struct Commands<'g> {
     parameters: Vec<u8>,
     pub(super) stage: Stage,
     pub(super) marks: Option<PassMarks>,
+    /// Whether anything but passes is recorded.
+    pub(super) copies: bool,
 }
 
 impl<'g> Commands<'g> {
     pub(super) fn new(gpu: &'g Gpu) -> Self {
         let encoder = gpu.device().create_command_encoder(&Default::default());
-        Self { gpu, encoder, parameters: Vec::new(), stage: Stage::Input, marks: None }
+        Self {
+            gpu,
+            encoder,
+            parameters: Vec::new(),
+            stage: Stage::Input,
+            marks: None,
+            copies: false,
+        }
     }
 
     /// Measures passes from here on, where there is a timer, over all submissions until
     /// [`Self::submit_timed`].
     pub fn timed(mut self, timer: Option<&StageTimer>) -> Self {
+        // passes that are measured one by one have queries of their own
+        let timer = timer.filter(|_| self.gpu.profiling().is_none());
         self.marks = timer.map(StageTimer::marks);
         self
     }
@@ -68,12 +81,14 @@ impl<'g> Commands<'g> {
 
     /// Copies the first `len` values.
     pub fn copy<T: Pod>(&mut self, from: &GpuBuffer<T>, to: &GpuBuffer<T>, len: usize) {
+        self.copies = true;
         let bytes = (len * size_of::<T>()) as u64;
         self.encoder.copy_buffer_to_buffer(from.raw(), 0, to.raw(), 0, bytes);
     }
 
     /// Zeros the whole buffer.
     pub fn clear<T: Pod>(&mut self, buffer: &GpuBuffer<T>) {
+        self.copies = true;
         self.encoder.clear_buffer(buffer.raw(), 0, None);
     }
 
@@ -87,32 +102,34 @@ impl<'g> Commands<'g> {
     }
 
     /// Hands everything to the device.
-    pub fn submit(self) -> Result<(), GpuError> {
-        submit(self.gpu, self.encoder, &self.parameters).map(|_| ())
+    pub fn submit(mut self) -> Result<(), GpuError> {
+        match self.gpu.profiling() {
+            Some(profile) => profile.before(&mut self),
+            None => self.gpu.hand_over(self.encoder, &self.parameters).map(|_| ()),
+        }
     }
 
     /// Hands what is recorded so far to the device, and goes on recording.
     pub fn flush(&mut self) -> Result<wgpu::SubmissionIndex, GpuError> {
-        let next = self.gpu.device().create_command_encoder(&Default::default());
-        let recorded = std::mem::replace(&mut self.encoder, next);
-        let parameters = std::mem::take(&mut self.parameters);
-        submit(self.gpu, recorded, &parameters)
+        if let Some(profile) = self.gpu.profiling() {
+            profile.before(self)?;
+        }
+        let recorded = self.take_recorded();
+        self.gpu.hand_over(recorded, &std::mem::take(&mut self.parameters))
     }
-}
 
-fn submit(
-    gpu: &Gpu,
-    recorded: wgpu::CommandEncoder,
-    parameters: &[u8],
-) -> Result<wgpu::SubmissionIndex, GpuError> {
-    // two threads may submit: neither may write the other's parameters
-    let _held = gpu.submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    if !parameters.is_empty() {
-        gpu.write(&gpu.arena, 0, parameters);
+    /// Submits what is recorded so far, and waits for the device; a pass may be in the making.
+    pub(super) fn flush_and_wait(&mut self) -> Result<(), GpuError> {
+        let recorded = self.take_recorded();
+        // all parameters again, as passes to come have places behind them
+        self.gpu.hand_over(recorded, &self.parameters)?;
+        self.gpu.wait()
     }
-    let index = gpu.queue().submit([recorded.finish()]);
-    gpu.traffic.submission();
-    gpu.check().map(|()| index)
+
+    fn take_recorded(&mut self) -> wgpu::CommandEncoder {
+        let next = self.gpu.device().create_command_encoder(&Default::default());
+        std::mem::replace(&mut self.encoder, next)
+    }
 }
 
 enum Bound {
@@ -183,7 +200,7 @@ impl<R> Pass<'_, '_, R> {
         }
         let entries: Vec<_> = bound.iter().enumerate().map(|(i, b)| b.entry(gpu, i)).collect();
         Ok(gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(pipeline.file),
+            label: Some(pipeline.shader.file),
             layout: &pipeline.layout,
             entries: &entries,
         }))
@@ -221,28 +238,49 @@ impl Pass<'_, '_> {
     }
 
     fn dispatch(
-        self,
+        mut self,
         empty: bool,
         groups: [u32; 3],
         run: impl FnOnce(&mut wgpu::ComputePass<'_>),
     ) -> Result<(), GpuError> {
+        let profile = self.commands.gpu.profiling();
+        if let (Some(profile), Some(_)) = (profile, &self.pipeline.counted) {
+            self.bound.push(Bound::Storage(profile.counts().raw().clone()));
+        }
         let group = self.bind_group()?;
         let Self { commands, pipeline, .. } = self;
         let most = commands.gpu.limits().max_compute_workgroups_per_dimension;
         if empty || groups.iter().any(|&n| n > most) {
             let problem = format!("{groups:?} workgroups; 1 to {most} can be run");
-            return Err(GpuError::Shader { shader: pipeline.file.to_owned(), problem });
+            return Err(GpuError::Shader { shader: pipeline.shader.file.to_owned(), problem });
         }
         let stage = commands.stage;
-        let timestamp_writes = commands.marks.as_mut().and_then(|m| m.next(stage));
+        if let Some(profile) = profile {
+            profile.before(commands)?;
+        }
+        let timestamp_writes = match profile.and_then(Profile::queries) {
+            Some(query_set) => Some(wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(0),
+                end_of_pass_write_index: Some(1),
+            }),
+            None => commands.marks.as_mut().and_then(|m| m.next(stage)),
+        };
         let mut pass = commands.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(pipeline.file),
+            label: Some(pipeline.shader.file),
             timestamp_writes,
         });
         pass.set_pipeline(&pipeline.raw);
         pass.set_bind_group(0, &group, &[]);
         run(&mut pass);
-        Ok(())
+        drop(pass);
+        match (profile, &pipeline.counted) {
+            (Some(profile), counted) => {
+                let counted = counted.as_ref().ok_or_else(Work::default);
+                profile.after(commands, &pipeline.shader, groups, counted)
+            }
+            (None, _) => Ok(()),
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::memory::Memory;
 use super::pipeline::Pipeline;
+use super::profile::{Profile, STORAGE_BUFFERS};
 use super::traffic::TrafficCounter;
 use super::{AdapterChoice, AdapterSummary, Adapters, Commands, GpuError, Shader, Traffic};
 use std::collections::HashMap;
@@ -24,7 +25,10 @@ pub struct Gpu {
     pub(super) submitting: Mutex<()>,
     pub(super) traffic: TrafficCounter,
     pub(super) memory: Arc<Memory>,
+    pub(super) profile: OnceLock<Profile>,
     pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
+    /// Of shaders that count what they do.
+    counting_pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
     drawing_pipelines: Mutex<Pipelines<wgpu::RenderPipeline>>,
     failures: Arc<Failures>,
 }
@@ -67,10 +71,33 @@ impl Gpu {
         adapter: &wgpu::Adapter,
         summary: &AdapterSummary,
     ) -> Result<Self, GpuError> {
+        Self::open_with_limits(adapter, summary, wgpu::Limits::default())
+    }
+
+    /// For measuring every pass, see [`Self::measure_passes`]; the adapter must bind one storage buffer more than
+    /// WebGPU asks for.
+    pub fn open_for_profile(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let adapters = Adapters::find();
+        let (adapter, summary) = adapters.choose(choice)?;
+        let limits = wgpu::Limits {
+            max_storage_buffers_per_shader_stage: STORAGE_BUFFERS,
+            ..wgpu::Limits::default()
+        };
+        let gpu = Self::open_with_limits(adapter, summary, limits)?;
+        let profile = Profile::new(&gpu)?;
+        let _ = gpu.profile.set(profile);
+        Ok(gpu)
+    }
+
+    fn open_with_limits(
+        adapter: &wgpu::Adapter,
+        summary: &AdapterSummary,
+        required_limits: wgpu::Limits,
+    ) -> Result<Self, GpuError> {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("kinlight"),
             required_features: summary.features & Features::TIMESTAMP_QUERY,
-            required_limits: wgpu::Limits::default(),
+            required_limits,
             ..Default::default()
         };
         let opened = pollster::block_on(adapter.request_device(&descriptor));
@@ -99,7 +126,9 @@ impl Gpu {
             submitting: Mutex::default(),
             traffic: TrafficCounter::default(),
             memory: Arc::default(),
+            profile: OnceLock::new(),
             pipelines: Mutex::default(),
+            counting_pipelines: Mutex::default(),
             drawing_pipelines: Mutex::default(),
             failures,
         })
@@ -138,7 +167,8 @@ impl Gpu {
 
     /// The pipeline of a shader, compiled on first use.
     pub(super) fn pipeline(&self, shader: &Shader) -> Result<Arc<Pipeline>, GpuError> {
-        compiled_once(&self.pipelines, shader, || Pipeline::compile(self, shader))
+        let known = if self.counts_work() { &self.counting_pipelines } else { &self.pipelines };
+        compiled_once(known, shader, || Pipeline::compile(self, shader))
     }
 
     /// The pipeline of a shader that draws, compiled on first use.
@@ -147,6 +177,22 @@ impl Gpu {
         shader: &Shader,
     ) -> Result<Arc<Pipeline<wgpu::RenderPipeline>>, GpuError> {
         compiled_once(&self.drawing_pipelines, shader, || Pipeline::compile_drawing(self, shader))
+    }
+
+    /// Submits what was recorded, with the parameters of its passes.
+    pub(super) fn hand_over(
+        &self,
+        recorded: wgpu::CommandEncoder,
+        parameters: &[u8],
+    ) -> Result<wgpu::SubmissionIndex, GpuError> {
+        // two threads may submit: neither may write the other's parameters
+        let _held = self.submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if !parameters.is_empty() {
+            self.write(&self.arena, 0, parameters);
+        }
+        let index = self.queue.submit([recorded.finish()]);
+        self.traffic.submission();
+        self.check().map(|()| index)
     }
 
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {

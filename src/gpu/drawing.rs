@@ -2,6 +2,8 @@
 //! compute shaders.
 
 use super::pipeline::{Pipeline, Reflection, parse};
+use super::profile::Profile;
+use super::roofline::Work;
 use super::{Gpu, GpuError, Pass, Shader};
 use crate::image::Size;
 use std::borrow::Cow;
@@ -100,6 +102,18 @@ pub struct Draw {
     pub instance: u32,
 }
 
+/// Of the rasteriser's own work nothing is counted: a number for each pixel is written, and an index for
+/// each vertex is read. Depth need not leave the device's tiles.
+fn drawing_work(window: &Window, draws: &[Draw]) -> Work {
+    let vertices: usize = draws.iter().map(|draw| draw.vertices.len()).sum();
+    Work {
+        invocations: vertices as u64,
+        bytes_read: 4 * vertices as u64,
+        bytes_written: 4 * window.size().pixels() as u64,
+        ..Work::default()
+    }
+}
+
 impl Pass<'_, '_, wgpu::RenderPipeline> {
     /// Clears a layer and draws into the pixels of `window`, in the order of the list. Of two triangles the
     /// one with greater depth stays, of equal ones the first.
@@ -119,9 +133,20 @@ impl Pass<'_, '_, wgpu::RenderPipeline> {
         let group = self.bind_group()?;
         let Self { commands, pipeline, .. } = self;
         let stage = commands.stage;
-        let timestamp_writes = commands.marks.as_mut().and_then(|m| m.next_drawing(stage));
+        let profile = commands.gpu().profiling();
+        if let Some(profile) = profile {
+            profile.before(commands)?;
+        }
+        let timestamp_writes = match profile.and_then(Profile::queries) {
+            Some(query_set) => Some(wgpu::RenderPassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(0),
+                end_of_pass_write_index: Some(1),
+            }),
+            None => commands.marks.as_mut().and_then(|m| m.next_drawing(stage)),
+        };
         let mut pass = commands.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(pipeline.file),
+            label: Some(pipeline.shader.file),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                 view: &targets.layers[layer],
                 depth_slice: None,
@@ -150,7 +175,10 @@ impl Pass<'_, '_, wgpu::RenderPipeline> {
         for draw in draws {
             pass.draw(draw.vertices.clone(), draw.instance..draw.instance + 1);
         }
-        Ok(())
+        drop(pass);
+        let Some(profile) = profile else { return Ok(()) };
+        let pixels = [window.columns.len() as u32, window.rows.len() as u32, 1];
+        profile.after(commands, &pipeline.shader, pixels, Err(drawing_work(window, draws)))
     }
 }
 
@@ -162,7 +190,7 @@ impl Pipeline<wgpu::RenderPipeline> {
             label: Some(shader.file),
             source: wgpu::ShaderSource::Naga(Cow::Owned(module)),
         });
-        Self::with(gpu, shader, reflection, ShaderStages::VERTEX_FRAGMENT, |layout| {
+        Self::with(gpu, shader, reflection, None, ShaderStages::VERTEX_FRAGMENT, |layout| {
             gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(shader.file),
                 layout: Some(layout),

@@ -21,7 +21,9 @@ mod error;
 mod memory;
 pub mod parity;
 mod pipeline;
+mod profile;
 mod read_back;
+pub mod roofline;
 mod shader;
 #[cfg(test)]
 mod shader_tests;
@@ -39,6 +41,7 @@ pub use commands::{Commands, Pass};
 pub use device::Gpu;
 pub use drawing::{Draw, SampleTargets, Window};
 pub use error::GpuError;
+pub use profile::{Measure, PassRecord};
 pub use read_back::ReadBack;
 pub use shader::{Constant, Shader, library};
 pub use stage_timer::StageTimer;

@@ -1,5 +1,6 @@
 //! From a shader's text to a pipeline: parsed once, so that bindings are what the shader says they are.
 
+use super::profile::{Counted, instrument};
 use super::{Gpu, GpuError, Shader, Uniform};
 use naga::{AddressSpace, ImageClass, ImageDimension, ScalarKind, StorageAccess, TypeInner};
 use std::sync::Arc;
@@ -157,15 +158,17 @@ impl StructLayout {
 
 /// A shader that is ready to run; `R` is what wgpu makes of it.
 pub struct Pipeline<R = wgpu::ComputePipeline> {
-    pub(super) file: &'static str,
+    pub(super) shader: Shader,
     pub(super) reflection: Reflection,
     pub(super) layout: wgpu::BindGroupLayout,
     pub(super) raw: R,
+    /// Of a shader that counts what it does.
+    pub(super) counted: Option<Counted>,
 }
 
 impl<R> Pipeline<R> {
     pub(super) fn binding_error(&self, binding: usize, problem: String) -> GpuError {
-        GpuError::Binding { shader: self.file.to_owned(), binding, problem }
+        GpuError::Binding { shader: self.shader.file.to_owned(), binding, problem }
     }
 
     /// Whether the next binding is used as the caller means to.
@@ -192,6 +195,7 @@ impl<R> Pipeline<R> {
         gpu: &Gpu,
         shader: &Shader,
         reflection: Reflection,
+        counted: Option<Counted>,
         visibility: wgpu::ShaderStages,
         make: impl FnOnce(&wgpu::PipelineLayout) -> R,
     ) -> Result<Arc<Self>, GpuError> {
@@ -209,19 +213,23 @@ impl<R> Pipeline<R> {
             });
         let raw = make(&pipeline_layout);
         gpu.check()?;
-        Ok(Arc::new(Self { file: shader.file, reflection, layout, raw }))
+        Ok(Arc::new(Self { shader: shader.clone(), reflection, layout, raw, counted }))
     }
 }
 
 impl Pipeline {
     pub(super) fn compile(gpu: &Gpu, shader: &Shader) -> Result<Arc<Self>, GpuError> {
-        let module = parse(shader)?;
+        let mut module = parse(shader)?;
+        let counted = match gpu.counts_work() {
+            true => Some(replace_by_counting(shader, &mut module)?),
+            false => None,
+        };
         let reflection = Reflection::of(shader, &module)?;
         let module = gpu.device().create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(shader.file),
             source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(module)),
         });
-        Self::with(gpu, shader, reflection, wgpu::ShaderStages::COMPUTE, |layout| {
+        Self::with(gpu, shader, reflection, counted, wgpu::ShaderStages::COMPUTE, |layout| {
             gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(shader.file),
                 layout: Some(layout),
@@ -232,6 +240,13 @@ impl Pipeline {
             })
         })
     }
+}
+
+fn replace_by_counting(shader: &Shader, module: &mut naga::Module) -> Result<Counted, GpuError> {
+    let (counting, counted) = instrument(module)
+        .map_err(|problem| GpuError::Shader { shader: shader.file.to_owned(), problem })?;
+    *module = counting;
+    Ok(counted)
 }
 
 /// Parses the composed text; an error shows the line.
