@@ -48,7 +48,7 @@ pub(super) fn shaders() -> Vec<super::Shader> {
         transfer::shaders(),
         transfer_traced::shaders(),
         light_samples::shaders(),
-        exitant::shaders().into(),
+        vec![exitant::SHADER],
         raster::shaders(),
         compositing::shaders(),
     ]
