@@ -14,6 +14,16 @@ pub struct Traffic {
 }
 
 impl Traffic {
+    /// Both together.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            uploaded: self.uploaded + other.uploaded,
+            read_back: self.read_back + other.read_back,
+            submissions: self.submissions + other.submissions,
+            waits: self.waits + other.waits,
+        }
+    }
+
     /// What was counted after `earlier`.
     pub fn since(self, earlier: Self) -> Self {
         Self {

@@ -32,6 +32,8 @@ pub struct FrameBuffers {
     pub maps: TransferMaps,
     pub picture: GpuPicture,
     pub read_back: PictureReadBack,
+    /// That come back of the newest frame's picture.
+    pub picture_bytes: u64,
 }
 
 /// On one grid.
@@ -63,6 +65,7 @@ impl FrameBuffers {
             maps: TransferMaps::new(gpu, settings, size)?,
             picture: GpuPicture::new(gpu, size)?,
             read_back: PictureReadBack::new(gpu, size)?,
+            picture_bytes: 0,
         })
     }
 

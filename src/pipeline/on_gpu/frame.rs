@@ -37,6 +37,7 @@ impl GpuPipeline {
         let recorded_pose = raw.world_from_camera.map(|pose| origin.local_from_world(&pose));
 
         let gpu = self.gpu.clone();
+        self.traffic.start_frame(&gpu);
         let mut commands = self.clock.start(&gpu);
         self.take_in(&mut commands, raw, &mut times)?;
         let tracking = self.track(&mut commands, raw, recorded_pose, &mut times)?;
@@ -59,7 +60,7 @@ impl GpuPipeline {
         let light = light.unwrap_or_else(|| self.estimator.without_surface(&view, bands));
         self.light = Some(light.clone());
         self.last_pose = Some(tracking.world_from_camera);
-        self.traffic.end_frame(&self.gpu);
+        self.traffic.end_frame(&gpu, std::mem::take(&mut self.last.picture_bytes));
         let outcome = FrameOutcome {
             index: raw.index,
             timestamp_s: raw.timestamp_s,
@@ -314,8 +315,8 @@ impl GpuPipeline {
     ) -> Result<(), PipelineError> {
         let input = self.last.compose_input(&self.settings, light);
         self.compositor.run(commands, &input, &self.last.picture)?;
-        let FrameBuffers { picture, read_back, .. } = &mut self.last;
-        self.traffic.add_picture(read_back.request(commands, picture));
+        let FrameBuffers { picture, read_back, picture_bytes, .. } = &mut self.last;
+        *picture_bytes = read_back.request(commands, picture);
         Ok(())
     }
 

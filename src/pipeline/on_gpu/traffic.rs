@@ -3,40 +3,40 @@
 use crate::gpu::{Gpu, Traffic};
 use crate::pipeline::FrameTraffic;
 
-/// Counted from the second frame on: the first brings tables, models, and the place of the volume.
+/// Counted from the second frame on: the first brings tables, models, and the place of the volume. What is
+/// downloaded between frames, to be looked at, is no part of them.
 #[derive(Default)]
 pub struct TrafficOfFrames {
-    after_first: Option<Traffic>,
-    newest: Traffic,
-    frames: u64,
+    at_start: Traffic,
+    sum: Traffic,
     picture_bytes: u64,
+    /// The first included.
+    frames: u64,
 }
 
 impl TrafficOfFrames {
-    /// Part of what was read back is a composed picture.
-    pub fn add_picture(&mut self, bytes: u64) {
-        self.picture_bytes += bytes;
+    pub fn start_frame(&mut self, gpu: &Gpu) {
+        self.at_start = gpu.traffic();
     }
 
-    pub fn end_frame(&mut self, gpu: &Gpu) {
-        self.newest = gpu.traffic();
-        if self.after_first.is_some() {
-            self.frames += 1;
-        } else {
-            self.after_first = Some(self.newest);
-            self.picture_bytes = 0;
+    /// `picture_bytes` of what was read back are the composed picture.
+    pub fn end_frame(&mut self, gpu: &Gpu, picture_bytes: u64) {
+        if self.frames > 0 {
+            self.sum = self.sum.and(gpu.traffic().since(self.at_start));
+            self.picture_bytes += picture_bytes;
         }
+        self.frames += 1;
     }
 
     pub fn of_a_frame(&self) -> Option<FrameTraffic> {
-        let moved = self.newest.since(self.after_first?);
-        let mean = |bytes: u64| bytes.checked_div(self.frames);
+        let frames = self.frames.checked_sub(1).filter(|&frames| frames > 0)?;
+        let mean = |count: u64| count as f64 / frames as f64;
         Some(FrameTraffic {
-            uploaded: mean(moved.uploaded)?,
-            read_back: mean(moved.read_back)?,
-            picture: mean(self.picture_bytes)?,
-            submissions: moved.submissions as f64 / self.frames as f64,
-            waits: moved.waits as f64 / self.frames as f64,
+            uploaded: self.sum.uploaded / frames,
+            read_back: self.sum.read_back / frames,
+            picture: self.picture_bytes / frames,
+            submissions: mean(self.sum.submissions),
+            waits: mean(self.sum.waits),
         })
     }
 }
