@@ -15,7 +15,8 @@ use std::sync::Arc;
 
 /// Where pipelines run.
 pub enum Device {
-    Cpu,
+    /// And why, where that was left to the program.
+    Cpu(Option<String>),
     #[cfg(feature = "gpu")]
     Gpu(GpuDevice),
 }
@@ -30,7 +31,7 @@ impl Device {
             Asked::Cpu if named => Err(CliError::Usage(
                 "--adapter names a graphics device, --backend cpu takes none".into(),
             )),
-            Asked::Cpu => Ok(Self::Cpu),
+            Asked::Cpu => Ok(Self::Cpu(None)),
             Asked::Gpu => {
                 let gpu = Gpu::open(&choice).map_err(unusable)?;
                 Ok(Self::Gpu(GpuDevice::new(gpu, run)))
@@ -49,20 +50,28 @@ impl Device {
             return Err(CliError::Usage(because));
         }
         log::debug!("on the CPU: {because}");
-        Ok(Self::Cpu)
+        Ok(Self::Cpu(Some(because)))
     }
 
     #[cfg(not(feature = "gpu"))]
     pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
         match run.backend {
-            Asked::Auto | Asked::Cpu => Ok(Self::Cpu),
+            Asked::Auto | Asked::Cpu => Ok(Self::Cpu(None)),
+        }
+    }
+
+    pub fn on_cpu_because(&self) -> Option<&str> {
+        match self {
+            Self::Cpu(because) => because.as_deref(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => None,
         }
     }
 
     /// As in the name of its profile.
     pub fn backend(&self) -> &'static str {
         match self {
-            Self::Cpu => "cpu",
+            Self::Cpu(_) => "cpu",
             #[cfg(feature = "gpu")]
             Self::Gpu(_) => "gpu",
         }
@@ -75,11 +84,18 @@ impl Device {
         scene: VirtualScene,
     ) -> Result<Box<dyn Backend>, CliError> {
         let made: Result<Box<dyn Backend>, PipelineError> = match self {
-            Self::Cpu => Pipeline::new(settings, camera, scene).map(|p| Box::new(p) as _),
+            Self::Cpu(_) => Pipeline::new(settings, camera, scene).map(|p| Box::new(p) as _),
             #[cfg(feature = "gpu")]
             Self::Gpu(device) => device.pipeline(settings, camera, scene),
         };
-        made.map_err(|e| CliError::Run(e.to_string()))
+        made.map_err(|error| {
+            #[cfg(feature = "gpu")]
+            if error.is_the_devices() {
+                let advice = "--backend cpu has no such limit";
+                return CliError::Run(format!("{error}; pictures are {}, {advice}", camera.size()));
+            }
+            CliError::Run(error.to_string())
+        })
     }
 }
 

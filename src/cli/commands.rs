@@ -189,7 +189,9 @@ impl Run<'_> {
         );
         bar.finish_and_clear();
         let summary = summary?;
-        RunRecord::here(&name, &args.sequence, pipeline.record())
+        let on_cpu_because = self.device.on_cpu_because().map(str::to_owned);
+        let record = RunRecord::here(&name, &args.sequence, pipeline.record());
+        RunRecord { on_cpu_because, ..record }
             .write(self.out)
             .map_err(|e| CliError::Output(e.to_string()))?;
         Ok(Done {

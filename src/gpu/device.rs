@@ -110,7 +110,7 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.add(error)));
         let on_loss = failures.clone();
         device.set_device_lost_callback(move |reason, message| {
-            let _ = on_loss.lost.set(format!("{reason:?} {message}"));
+            let _ = on_loss.lost.set(format!("{reason:?} {message}").trim().to_lowercase());
         });
         let arena = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("parameters of passes"),
@@ -270,7 +270,7 @@ mod tests {
 
     /// Larger than the device allows.
     fn make_a_mistake(gpu: &Gpu) {
-        gpu.device().create_buffer(&wgpu::BufferDescriptor {
+        let _ = gpu.device().create_buffer(&wgpu::BufferDescriptor {
             label: Some("a mistake"),
             size: gpu.limits().max_buffer_size + 4,
             usage: wgpu::BufferUsages::STORAGE,

@@ -1,5 +1,8 @@
 //! A run outlives its graphics device.
 
+#[cfg(test)]
+mod tests;
+
 use super::{
     Backend, BackendRecord, Buffer, BufferValues, FrameOutcome, GpuPipeline, Handover, Map,
 };

@@ -16,6 +16,9 @@ pub struct RunRecord {
     pub sequence: String,
     pub command: String,
     pub machine: Machine,
+    /// Why the CPU computed, where that was left to the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub on_cpu_because: Option<String>,
 }
 
 impl RunRecord {
@@ -28,6 +31,7 @@ impl RunRecord {
             sequence: sequence.display().to_string(),
             command: words.join(" "),
             machine: Machine { backend: backend.history(), ..Machine::here() },
+            on_cpu_because: None,
         }
     }
 
