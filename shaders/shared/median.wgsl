@@ -57,13 +57,24 @@ fn lower_median(pixel: vec2i, count: u32) -> f32 {
     if count == 0u {
         return 0.0;
     }
+    // the leading bits that all values share are the median's, too: on one surface about a third of them
+    var set_in_any = 0u;
+    var set_in_all = NO_VALUE;
+    for (var tap = 0u; tap < TAPS; tap++) {
+        let bits = value(tap, pixel);
+        set_in_any |= select(bits, 0u, bits == NO_VALUE);
+        set_in_all &= bits;
+    }
+    let open_bits = 32u - countLeadingZeros(set_in_any ^ set_in_all);
     var rank = (count - 1u) / 2u;
-    var found = 0u;
-    for (var bit = 30u; bit < 31u; bit--) {
+    var found = (set_in_all >> open_bits) << open_bits;
+    for (var above = open_bits; above > 0u; above--) {
+        let bit = above - 1u;
+        let leading = found >> bit;
         var below = 0u;
         for (var tap = 0u; tap < TAPS; tap++) {
             // the same leading bits, and a 0 here
-            below += u32((value(tap, pixel) >> bit) == (found >> bit));
+            below += u32((value(tap, pixel) >> bit) == leading);
         }
         if rank >= below {
             rank -= below;

@@ -21,8 +21,8 @@ pub struct Commands<'g> {
     parameters: Vec<u8>,
     pub(super) stage: Stage,
     pub(super) marks: Option<PassMarks>,
-    /// Whether anything but passes is recorded.
-    pub(super) copies: bool,
+    /// Copies and clears since the last pass.
+    pub(super) copies: Option<Work>,
 }
 
 impl<'g> Commands<'g> {
@@ -34,7 +34,7 @@ impl<'g> Commands<'g> {
             parameters: Vec::new(),
             stage: Stage::Input,
             marks: None,
-            copies: false,
+            copies: None,
         }
     }
 
@@ -81,15 +81,20 @@ impl<'g> Commands<'g> {
 
     /// Copies the first `len` values.
     pub fn copy<T: Pod>(&mut self, from: &GpuBuffer<T>, to: &GpuBuffer<T>, len: usize) {
-        self.copies = true;
         let bytes = (len * size_of::<T>()) as u64;
+        self.note_copy(bytes, bytes);
         self.encoder.copy_buffer_to_buffer(from.raw(), 0, to.raw(), 0, bytes);
     }
 
     /// Zeros the whole buffer.
     pub fn clear<T: Pod>(&mut self, buffer: &GpuBuffer<T>) {
-        self.copies = true;
+        self.note_copy(0, buffer.raw().size());
         self.encoder.clear_buffer(buffer.raw(), 0, None);
+    }
+
+    pub(super) fn note_copy(&mut self, bytes_read: u64, bytes_written: u64) {
+        let work = Work { bytes_read, bytes_written, ..Work::default() };
+        self.copies = Some(self.copies.unwrap_or_default() + work);
     }
 
     /// Hands everything to the device; `timer`, the one that was given to [`Self::timed`], has the

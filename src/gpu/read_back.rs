@@ -54,7 +54,7 @@ impl<T: Pod> ReadBack<T> {
         let bytes = padded::<T>(values);
         let mapped = Arc::new(OnceLock::new());
         let result = mapped.clone();
-        commands.copies = true;
+        commands.note_copy(bytes, bytes);
         commands.encoder.copy_buffer_to_buffer(buffer.raw(), 0, &staging, 0, bytes);
         commands.encoder.map_buffer_on_submit(&staging, MapMode::Read, 0..bytes, move |mapped| {
             let _ = result.set(mapped.map_err(|e| e.to_string()));

@@ -100,13 +100,14 @@ impl Profile {
     pub fn before(&self, commands: &mut Commands<'_>) -> Result<(), GpuError> {
         let start = Instant::now();
         commands.flush_and_wait()?;
-        if std::mem::take(&mut commands.copies) && self.measures() == Some(Measure::Time) {
+        if let Some(copies) = commands.copies.take() {
+            let is_timed = self.measures() == Some(Measure::Time);
             self.add(PassRecord {
                 shader: None,
                 stage: commands.stage,
                 groups: [1; 3],
-                time: Some(start.elapsed()),
-                work: None,
+                time: is_timed.then(|| start.elapsed()),
+                work: (!is_timed).then_some(copies),
             });
         }
         if self.measures() == Some(Measure::Work) {
@@ -152,7 +153,7 @@ impl Profile {
     fn count(&self, commands: &mut Commands<'_>, counted: &Counted) -> Result<Work, GpuError> {
         let read_back = &mut locked(&self.counting).read_back;
         read_back.request(commands, &self.counts, counted.words());
-        commands.copies = false;
+        commands.copies = None;
         commands.flush_and_wait()?;
         let counts = read_back.take(commands.gpu())?.unwrap_or_default();
         Ok(work_of(&counts, counted))
@@ -203,7 +204,7 @@ impl DeviceClock {
         let (gpu, read_back) = (commands.gpu(), &mut locked(&self.read_back));
         commands.encoder.resolve_query_set(&self.queries, 0..2, self.resolved.raw(), 0);
         read_back.request(commands, &self.resolved, 2);
-        commands.copies = false;
+        commands.copies = None;
         commands.flush_and_wait()?;
         let ticks = read_back.take(gpu)?.unwrap_or_default();
         let ticks =
