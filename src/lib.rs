@@ -34,6 +34,9 @@ pub mod pipeline;
 
 pub mod replay;
 
+#[cfg(feature = "gpu")]
+pub mod parity;
+
 pub mod synth;
 
 pub mod study;

@@ -4,6 +4,7 @@ mod backend;
 mod buffers;
 #[cfg(feature = "gpu")]
 mod fallback;
+mod inspect;
 mod merged;
 #[cfg(feature = "gpu")]
 mod on_gpu;
@@ -16,6 +17,7 @@ pub use backend::{Backend, BackendRecord, FrameTraffic, Handover};
 pub use buffers::{Buffer, BufferValues};
 #[cfg(feature = "gpu")]
 pub use fallback::{OpenDevice, WithFallback};
+pub use inspect::{ObjectBuffers, StageBuffers};
 #[cfg(feature = "gpu")]
 pub use on_gpu::GpuPipeline;
 pub use origin::WorldOrigin;

@@ -2,6 +2,8 @@
 
 #[cfg(feature = "gpu")]
 use super::doctor::DoctorArgs;
+#[cfg(feature = "gpu")]
+use super::parity::ParityArgs;
 use super::report::ReportArgs;
 use super::study_composite::CompositeStudyArgs;
 use super::study_estimator::EstimatorStudyArgs;
@@ -50,6 +52,8 @@ pub enum Command {
     Report(ReportArgs),
     #[cfg(feature = "gpu")]
     Doctor(DoctorArgs),
+    #[cfg(feature = "gpu")]
+    Parity(ParityArgs),
 }
 
 #[derive(Debug, Subcommand)]
@@ -91,20 +95,45 @@ pub struct CompareArgs {
     pub without: Vec<CompareOutput>,
 }
 
-/// What replay and compare share.
+/// What is run over.
 #[derive(Debug, Args)]
-pub struct RunArgs {
+pub struct SourceArgs {
     /// Folder of the recording.
     #[arg(default_value = "sequences/demo")]
     pub sequence: PathBuf,
     #[command(flatten)]
     pub reading: ReadingArgs,
+    /// Frames to process, counted from 0; B is not included (A.. and ..B work too).
+    #[arg(long, value_name = "A..B", value_parser = parse_frames)]
+    pub frames: Option<FrameRange>,
+    #[command(flatten)]
+    pub object: ObjectArgs,
+}
+
+/// What is changed of a preset.
+#[derive(Debug, Args)]
+pub struct SettingsArgs {
     /// TOML file of settings, applied on top of the preset.
     #[arg(long, value_name = "FILE.toml")]
     pub settings: Option<PathBuf>,
     /// Set one field of the settings, after preset and file (may be repeated).
     #[arg(long = "set", value_name = "FIELD=VALUE")]
     pub assignments: Vec<String>,
+    /// Where camera poses come from.
+    #[arg(long, value_enum)]
+    pub poses: Option<Poses>,
+    /// Seed of the sample pattern.
+    #[arg(long)]
+    pub seed: Option<u32>,
+}
+
+/// What replay and compare share.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    pub source: SourceArgs,
+    #[command(flatten)]
+    pub changes: SettingsArgs,
     /// Where the computing is done.
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     pub backend: Backend,
@@ -121,23 +150,12 @@ pub struct RunArgs {
     #[cfg(feature = "gpu")]
     #[arg(long, value_name = "MIB", hide = true)]
     pub gpu_memory: Option<u64>,
-    /// Where camera poses come from.
-    #[arg(long, value_enum)]
-    pub poses: Option<Poses>,
-    /// Frames to process, counted from 0; B is not included (A.. and ..B work too).
-    #[arg(long, value_name = "A..B", value_parser = parse_frames)]
-    pub frames: Option<FrameRange>,
-    #[command(flatten)]
-    pub object: ObjectArgs,
     /// Folder for everything that is written.
     #[arg(long, default_value = "out")]
     pub out: PathBuf,
     /// Worker threads; 0 takes one a core.
     #[arg(long, default_value_t = 0)]
     pub threads: usize,
-    /// Seed of the sample pattern.
-    #[arg(long)]
-    pub seed: Option<u32>,
     /// Frames left out of the timing statistics at the start.
     #[arg(long, default_value_t = 5)]
     pub warm_up: usize,
@@ -419,6 +437,6 @@ mod tests {
         let cli =
             Cli::try_parse_from(["kinlight", "replay", "--object", "a.glb", "--at", "-1,2,3"]);
         let Command::Replay(args) = cli.unwrap().command else { panic!() };
-        assert_eq!(args.run.object.at, Some([-1.0, 2.0, 3.0]));
+        assert_eq!(args.run.source.object.at, Some([-1.0, 2.0, 3.0]));
     }
 }

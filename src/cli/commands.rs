@@ -31,7 +31,9 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
     let device = Device::choose(&args.run)?;
     let pace = match setup::governor(&args.run, &device)? {
         Some(governor) => Pace::Budget(governor),
-        None => Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run)?.into()),
+        None => {
+            Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run.changes)?.into())
+        }
     };
     let run = Run { pace, plan, dump: &args.dump, out: &args.run.out, device: &device };
     let done = run.go(&args.run, talk)?;
@@ -61,7 +63,7 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
     setup::start_threads(args.run.threads)?;
     let mut paces = Vec::new();
     for name in &args.presets {
-        paces.push(Pace::Preset(name, setup::settings(name, &args.run)?.into()));
+        paces.push(Pace::Preset(name, setup::settings(name, &args.run.changes)?.into()));
     }
     let device = Device::choose(&args.run)?;
     paces.extend(setup::governor(&args.run, &device)?.map(Pace::Budget));
@@ -153,9 +155,9 @@ struct Done {
 
 impl Run<'_> {
     fn go(self, args: &RunArgs, talk: Talk) -> Result<Done, CliError> {
-        let mut source = setup::open(args)?;
-        let truth = light_truth(&args.sequence)?;
-        let scene = objects::scene(args, &source)?;
+        let mut source = setup::open(&args.source)?;
+        let truth = light_truth(&args.source.sequence)?;
+        let scene = objects::scene(&args.source, &source)?;
         let name = self.pace.name().to_owned();
         let (setting, settings, mut governor) = match self.pace {
             Pace::Preset(name, settings) => (name.to_owned(), *settings, None),
@@ -190,7 +192,7 @@ impl Run<'_> {
         bar.finish_and_clear();
         let summary = summary?;
         let on_cpu_because = self.device.on_cpu_because().map(str::to_owned);
-        let record = RunRecord::here(&name, &args.sequence, pipeline.record());
+        let record = RunRecord::here(&name, &args.source.sequence, pipeline.record());
         RunRecord { on_cpu_because, ..record }
             .write(self.out)
             .map_err(|e| CliError::Output(e.to_string()))?;

@@ -9,6 +9,7 @@ use kinlight::synth::SynthError;
 /// | code | kind | |
 /// | --- | --- | --- |
 /// | 1 | `Run` | the pipeline itself |
+/// | 1 | `Differ` | results that should agree and do not; they are printed as the result |
 /// | 2 | `Usage` | arguments and settings; clap's own code, too |
 /// | 3 | `Sequence` | what is read of a recording: frames, poses, truth |
 /// | 4 | `Object` | models and scene files |
@@ -25,12 +26,17 @@ pub enum CliError {
     Output(String),
     #[error("{0}")]
     Run(String),
+    #[cfg(feature = "gpu")]
+    #[error("{0}")]
+    Differ(String),
 }
 
 impl CliError {
     pub fn exit_code(&self) -> u8 {
         match self {
             CliError::Run(_) => 1,
+            #[cfg(feature = "gpu")]
+            CliError::Differ(_) => 1,
             CliError::Usage(_) => 2,
             CliError::Sequence(_) => 3,
             CliError::Object(_) => 4,
@@ -38,9 +44,16 @@ impl CliError {
         }
     }
 
+    /// Whether the command has printed its result all the same.
+    pub fn has_result(&self) -> bool {
+        self.kind() == "differ"
+    }
+
     pub fn kind(&self) -> &'static str {
         match self {
             CliError::Run(_) => "run",
+            #[cfg(feature = "gpu")]
+            CliError::Differ(_) => "differ",
             CliError::Usage(_) => "usage",
             CliError::Sequence(_) => "sequence",
             CliError::Object(_) => "object",

@@ -7,6 +7,8 @@ mod commands;
 mod doctor;
 mod error;
 mod objects;
+#[cfg(feature = "gpu")]
+mod parity;
 mod pictures;
 mod report;
 mod setup;
@@ -36,11 +38,13 @@ pub fn main() -> ExitCode {
         Command::Report(args) => report::run(args, talk),
         #[cfg(feature = "gpu")]
         Command::Doctor(args) => doctor::run(args, talk),
+        #[cfg(feature = "gpu")]
+        Command::Parity(args) => parity::run(args, talk),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            if cli.json {
+            if cli.json && !error.has_result() {
                 let message = serde_json::json!({
                     "error": { "kind": error.kind(), "message": error.to_string() }
                 });

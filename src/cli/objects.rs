@@ -1,7 +1,7 @@
 //! Which virtual objects a run gets: from the command line, from the sequence, or one of our own.
 
 use super::CliError;
-use super::args::RunArgs;
+use super::args::SourceArgs;
 use glam::{Vec2, Vec3};
 use kinlight::capture::FrameSource;
 use kinlight::scene::{Model, Placement, Similarity, SurfaceAnchor, VirtualObject, VirtualScene};
@@ -11,17 +11,17 @@ use std::sync::Arc;
 /// Where an object stands when nobody says: on the surface below the picture's centre.
 const DEFAULT_ANCHOR: [f32; 2] = [0.5, 0.6];
 
-pub fn scene(run: &RunArgs, source: &dyn FrameSource) -> Result<VirtualScene, CliError> {
-    let object = &run.object;
+pub fn scene(args: &SourceArgs, source: &dyn FrameSource) -> Result<VirtualScene, CliError> {
+    let object = &args.object;
     if object.no_object {
         return Ok(VirtualScene::default());
     }
     if let Some(file) = &object.scene {
         return VirtualScene::load(file).map_err(bad);
     }
-    let first = run.frames.map_or(0, |f| f.first);
+    let first = args.frames.map_or(0, |f| f.first);
     if object.object.is_none() && object.at.is_none() && object.on.is_none() {
-        return of_sequence(&run.sequence, source, first, object.yaw, object.scale);
+        return of_sequence(&args.sequence, source, first, object.yaw, object.scale);
     }
     let model = match &object.object {
         Some(file) => Model::load(file).map_err(bad)?,

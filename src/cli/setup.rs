@@ -1,7 +1,7 @@
 //! From arguments to settings, sequence, threads and log.
 
 use super::CliError;
-use super::args::{Poses, ReadingArgs, RunArgs};
+use super::args::{Poses, ReadingArgs, RunArgs, SettingsArgs, SourceArgs};
 use super::backend::Device;
 use kinlight::budget::{Governor, Ladder, Profile};
 use kinlight::capture::{CaptureOptions, Sequence, open_sequence};
@@ -29,30 +29,30 @@ pub fn start_logging(verbose: u8) {
 }
 
 /// Preset, then file, then single fields, then the flags that are short for a field.
-pub fn settings(preset: &str, run: &RunArgs) -> Result<Settings, CliError> {
+pub fn settings(preset: &str, changes: &SettingsArgs) -> Result<Settings, CliError> {
     let usage = |e: SettingsError| CliError::Usage(e.to_string());
     let mut settings = Settings::preset(preset).map_err(usage)?;
-    adjust(&mut settings, run).map_err(usage)?;
+    adjust(&mut settings, changes).map_err(usage)?;
     settings.validate().map_err(usage)?;
     Ok(settings)
 }
 
 /// What the user asks for on top of a preset or of a step of a profile.
-fn adjust(settings: &mut Settings, run: &RunArgs) -> Result<(), SettingsError> {
-    if let Some(file) = &run.settings {
+fn adjust(settings: &mut Settings, changes: &SettingsArgs) -> Result<(), SettingsError> {
+    if let Some(file) = &changes.settings {
         settings.merge_file(file)?;
     }
-    for assignment in &run.assignments {
+    for assignment in &changes.assignments {
         settings.assign(assignment)?;
     }
-    if let Some(poses) = run.poses {
+    if let Some(poses) = changes.poses {
         settings.tracking.mode = match poses {
             Poses::Track => PoseMode::Track,
             Poses::Recorded => PoseMode::Recorded,
             Poses::Static => PoseMode::Static,
         };
     }
-    if let Some(seed) = run.seed {
+    if let Some(seed) = changes.seed {
         settings.transfer.seed = seed;
     }
     Ok(())
@@ -64,7 +64,7 @@ pub fn governor(run: &RunArgs, device: &Device) -> Result<Option<Governor>, CliE
     let Some(budget) = run.budget else { return Ok(None) };
     let usage = |e: kinlight::budget::BudgetError| CliError::Usage(e.to_string());
     let profile = Profile::find(run.profile.as_deref(), device.backend()).map_err(usage)?;
-    let ladder = Ladder::choose(&profile, budget, &|settings| adjust(settings, run));
+    let ladder = Ladder::choose(&profile, budget, &|settings| adjust(settings, &run.changes));
     Ok(Some(Governor::new(ladder.map_err(usage)?, budget)))
 }
 
@@ -78,14 +78,14 @@ pub fn capture_options(reading: &ReadingArgs) -> CaptureOptions {
     }
 }
 
-pub fn open(run: &RunArgs) -> Result<Sequence, CliError> {
-    let mut options = capture_options(&run.reading);
-    if let Some(range) = run.frames {
+pub fn open(source: &SourceArgs) -> Result<Sequence, CliError> {
+    let mut options = capture_options(&source.reading);
+    if let Some(range) = source.frames {
         options.first_frame = range.first;
         options.end_frame = range.end;
     }
-    let sequence = open_sequence(&run.sequence, &options)
-        .map_err(|e| CliError::Sequence(explain(&run.sequence, e)))?;
+    let sequence = open_sequence(&source.sequence, &options)
+        .map_err(|e| CliError::Sequence(explain(&source.sequence, e)))?;
     for warning in &sequence.info().warnings {
         log::warn!("{warning}");
     }

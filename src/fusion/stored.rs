@@ -1,8 +1,6 @@
 //! A volume from blocks that were kept elsewhere.
 
-#[cfg(test)]
-use super::block::{Block, EMPTY};
-use super::block::{ColorBlock, VOXELS};
+use super::block::{Block, ColorBlock, EMPTY, VOXELS};
 #[cfg(test)]
 use super::crossings::Bricks;
 use super::crossings::Sides;
@@ -43,10 +41,7 @@ impl TsdfVolume {
         volume.revision += 1;
         volume
     }
-}
 
-#[cfg(test)]
-impl TsdfVolume {
     /// Every block that has storage, by its number.
     pub(crate) fn stored_blocks(&self) -> Vec<StoredBlock> {
         let stored = self.store.table.iter().enumerate().filter(|&(_, &slot)| slot != EMPTY);
@@ -61,6 +56,7 @@ impl TsdfVolume {
     }
 
     /// By block: the bricks that may hold surface.
+    #[cfg(test)]
     pub(crate) fn crossings(&self) -> &[Bricks] {
         &self.store.crossings
     }

@@ -78,6 +78,10 @@ impl TsdfVolume {
         self.lattice.bounds()
     }
 
+    pub fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
     pub fn voxel_m(&self) -> f32 {
         self.lattice.voxel_m
     }

@@ -137,6 +137,11 @@ impl MergedSides {
         self.views.iter().any(|view| view.report.pixels > 0)
     }
 
+    /// What is drawn into each of the views.
+    pub fn layers(&self) -> impl Iterator<Item = &VirtualLayer> {
+        self.views.iter().map(|view| &view.layer)
+    }
+
     /// Side views have no colour: all but virtual surfaces is dark.
     pub fn radiate(&mut self, reflection: Reflection) {
         let Reflection { light, mean_albedo } = reflection;

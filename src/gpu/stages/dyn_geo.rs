@@ -193,11 +193,11 @@ mod tests {
     use super::*;
     use crate::capture::RgbdFrame;
     use crate::geometry::{DynGeo, GBuffer, Origin};
-    use crate::gpu::parity::Difference;
     use crate::gpu::stages::test_support::{gpu, upload_frame};
     use crate::image::Image;
     use crate::math::random::Rng;
     use crate::math::{Pinhole, Pose, View, pose_from_xyzw};
+    use crate::parity::tolerances::DYNGEO_NORMAL;
 
     /// A slanted wall with a step and a ball's worth of noise, seen by sensor and model differently; holes in
     /// both, and an intensity edge that is not the depth's.
@@ -256,7 +256,7 @@ mod tests {
 
     #[test]
     fn depth_is_exact_and_normals_are_close() {
-        let Some(gpu) = gpu() else { return };
+        let Some(device) = gpu() else { return };
         let standard = DynGeoParams::default();
         let cases = [
             standard.clone(),
@@ -266,7 +266,7 @@ mod tests {
         ];
         for (width, height) in [(67, 43), (1, 1), (1, 9), (5, 2)] {
             for params in &cases {
-                let (cpu, gpu) = both(gpu, Size::new(width, height), params);
+                let (cpu, gpu) = both(device, Size::new(width, height), params);
                 // medians choose one of the given values, so that nothing is rounded
                 assert_eq!(cpu.depth_m, gpu.depth_m, "{width}x{height} {params:?}");
                 assert_eq!(cpu.origin, gpu.origin);
@@ -276,9 +276,9 @@ mod tests {
                     (&cpu.normals.z, &gpu.normals.z),
                 ];
                 for (cpu, gpu) in pairs {
-                    // differences of points near 1 m, some mm apart: 2^-23 of 1 m over 2 mm
-                    let found = Difference::of(cpu.as_slice(), gpu.as_slice(), 1e-4);
-                    assert!(found.is_within(0.0), "{width}x{height} {params:?}: {found}");
+                    let (found, within) =
+                        DYNGEO_NORMAL.compare(device, cpu.as_slice(), gpu.as_slice());
+                    assert!(within, "{width}x{height} {params:?}: {found}");
                 }
             }
         }

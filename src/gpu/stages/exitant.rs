@@ -79,11 +79,11 @@ mod tests {
     use crate::compositing::VirtualLayer;
     use crate::geometry::{GBuffer, Origin};
     use crate::gpu::Gpu;
-    use crate::gpu::parity::Difference;
     use crate::gpu::stages::test_support::gpu;
     use crate::image::{Image, Size};
     use crate::lighting::exitant::exitant_radiance;
     use crate::math::random::Rng;
+    use crate::parity::tolerances::EXITANT;
     use crate::scene::raster::tests::{moved, ortho, pinhole};
     use glam::Vec3;
 
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn radiance_is_that_of_the_cpu() {
-        let Some(gpu) = gpu() else { return };
+        let Some(device) = gpu() else { return };
         let light = DominantLight {
             towards_light: Vec3::new(0.6, -0.48, 0.64),
             irradiance: [3.0, 2.0, 0.5],
@@ -148,10 +148,9 @@ mod tests {
             for (colored, light) in
                 [(true, Some(light)), (true, None), (false, Some(light)), (false, None)]
             {
-                let [cpu, gpu] = both(gpu, size, colored, light);
-                // up to 2.4, of nine roundings of 2^-24 each
-                let found = Difference::of(&cpu, &gpu, 2e-6);
-                assert!(found.is_within(0.0), "{size} {colored} {light:?}: {found}");
+                let [cpu, gpu] = both(device, size, colored, light);
+                let (found, within) = EXITANT.compare(device, &cpu, &gpu);
+                assert!(within, "{size} {colored} {light:?}: {found}");
                 let lit = cpu.iter().filter(|&&r| r > 0.0).count();
                 assert!(size.pixels() == 1 || (lit > 0) == (colored || light.is_some()));
             }

@@ -1,6 +1,6 @@
 //! The Input stage: a raw frame goes up once, in the bytes it was recorded in.
 
-use crate::capture::{ColorFilter, InputParams, RawFrame, input_tables};
+use crate::capture::{ColorFilter, InputParams, RawFrame, RgbdFrame, input_tables};
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuImage, Shader, uniform};
 use crate::image::{Image, Size};
 use crate::timing::Stage;
@@ -43,6 +43,18 @@ impl FramePictures {
             color: GpuImage::new(gpu, "linear colour", size)?,
             depth_m: GpuImage::new(gpu, "depth", size)?,
         })
+    }
+
+    /// Sets all pictures to those of a frame that was prepared on the host.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn upload(&self, gpu: &Gpu, frame: &RgbdFrame) {
+        self.color_srgb.upload_bytes(gpu, frame.color_srgb.as_slice().as_flattened());
+        self.depth_m.upload(gpu, &frame.depth_m);
+        let light = frame.color.as_slice().iter().zip(frame.intensity.as_slice());
+        let color = light.map(|(&[r, g, b], &steps)| [r, g, b, steps]).collect();
+        self.color.upload(gpu, &Image::from_vec(frame.color.size(), color));
     }
 }
 
@@ -134,10 +146,10 @@ impl InputPass {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::{InputStage, RgbdFrame};
-    use crate::gpu::parity::Difference;
+    use crate::capture::InputStage;
     use crate::gpu::stages::test_support::gpu;
     use crate::math::random::Rng;
+    use crate::parity::tolerances::{INPUT_COLOR, INPUT_INTENSITY};
 
     fn raw(size: Size, seed: u32) -> RawFrame {
         let mut rng = Rng::new(&[seed]);
@@ -183,14 +195,12 @@ mod tests {
                 assert_eq!(depth_m, expected.depth_m.as_slice());
                 let usable = depth_m.iter().filter(|d| range_m.contains(*d)).count();
                 assert_eq!(share, usable as f32 / size.pixels() as f32);
-                // nine table values below 1 in the same order, unless the driver contracts them: 1 ulp each
                 let light = expected.color.as_slice().as_flattened();
-                let found = Difference::of(light, &rgb, 9.0 * f64::from(f32::EPSILON));
-                assert!(found.is_within(0.0), "{size} {color_filter:?} colour: {found}");
-                // the root's place in 1024 steps moves by 1024 * 4 ulp, the curve rises by less than 1 a step
-                // beyond the first (12.92 * 255 / 1024^2 * 2 * place below it)
-                let found = Difference::of(expected.intensity.as_slice(), &steps, 5e-4);
-                assert!(found.is_within(0.0), "{size} {color_filter:?} intensity: {found}");
+                let (found, within) = INPUT_COLOR.compare(gpu, light, &rgb);
+                assert!(within, "{size} {color_filter:?} colour: {found}");
+                let intensity = expected.intensity.as_slice();
+                let (found, within) = INPUT_INTENSITY.compare(gpu, intensity, &steps);
+                assert!(within, "{size} {color_filter:?} intensity: {found}");
             }
         }
     }

@@ -3,7 +3,6 @@
 use super::FramePictures;
 use crate::capture::RgbdFrame;
 use crate::gpu::{AdapterChoice, Gpu};
-use crate::image::Image;
 use std::sync::OnceLock;
 
 /// The device; `None`, said out loud, where this machine has none. `KINLIGHT_REQUIRE_GPU=1` makes that
@@ -27,10 +26,6 @@ pub fn gpu() -> Option<&'static Gpu> {
 /// A prepared frame on the device, as the Input stage leaves it.
 pub fn upload_frame(gpu: &Gpu, frame: &RgbdFrame) -> FramePictures {
     let pictures = FramePictures::new(gpu, frame.depth_m.size()).unwrap();
-    pictures.color_srgb.upload_bytes(gpu, frame.color_srgb.as_slice().as_flattened());
-    pictures.depth_m.upload(gpu, &frame.depth_m);
-    let light = frame.color.as_slice().iter().zip(frame.intensity.as_slice());
-    let color = light.map(|(rgb, steps)| [rgb[0], rgb[1], rgb[2], *steps]).collect();
-    pictures.color.upload(gpu, &Image::from_vec(frame.depth_m.size(), color));
+    pictures.upload(gpu, frame);
     pictures
 }

@@ -9,6 +9,7 @@ use crate::geometry::Origin;
 use crate::gpu::parity::Difference;
 use crate::gpu::stages::test_support::{gpu, upload_frame};
 use crate::math::random::Rng;
+use crate::parity::tolerances::COMPOSITING;
 use crate::transfer::IndirectMap;
 
 /// A case on the device.
@@ -162,9 +163,10 @@ fn assert_pictures_agree(cpu: &Image<[u8; 3]>, gpu: &Image<[u8; 3]>, name: &str)
     let codes = |picture: &Image<[u8; 3]>| -> Vec<f32> {
         picture.as_slice().as_flattened().iter().map(|&code| f32::from(code)).collect()
     };
-    let found = Difference::of(&codes(cpu), &codes(gpu), 1.0);
+    let limit = COMPOSITING.software;
+    let found = Difference::of(&codes(cpu), &codes(gpu), limit.largest);
     println!("{name}: {found}");
-    assert!(found.is_within(1e-3), "{name}: {found}");
+    assert!(found.is_within(limit.share), "{name}: {found}");
 }
 
 const STEPS: [usize; 3] = [1, 4, 8];

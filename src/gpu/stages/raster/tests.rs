@@ -10,6 +10,7 @@ use crate::gpu::StageTimer;
 use crate::gpu::pipeline::compare_struct;
 use crate::gpu::stages::test_support::gpu;
 use crate::image::Image;
+use crate::parity::tolerances::{RASTER_COLOR, RASTER_DEPTH, RASTER_NORMAL, RASTER_ORIGIN};
 use crate::scene::raster::tests::{at, cuboid, moved, ortho, pinhole, sphere, wall};
 use crate::scene::{Model, Placement, Rasteriser, SurfaceAnchor, VirtualObject};
 use glam::{Vec2, Vec3};
@@ -109,23 +110,17 @@ struct Count {
 }
 
 impl Count {
-    /// Both compute depth and normal from the same corners in f32. Pixel coordinates are good to 1e-4
-    /// pixel, and faces up to 0.1 m deep a pixel: 1e-5 m, twice for two roundings. Normals are off by
-    /// some 2^-23; 1e-4 is what 1e-4 pixel makes of a sphere of a pixel's width.
-    const DEPTH_M: f32 = 2e-5;
-    const NORMAL: f32 = 1e-4;
-    /// 1e-4 pixel times a step from black to white between texels, ten of them in a pixel.
-    const COLOR: f32 = 1e-3;
-
     fn of(cpu: &Picture, gpu: &Picture) -> Self {
         let mut count = Self { pixels: cpu.merged.size().pixels(), ..Self::default() };
         let size = cpu.merged.size();
+        let [most_m, most_normal, most_color] =
+            [&RASTER_DEPTH, &RASTER_NORMAL, &RASTER_COLOR].map(|t| t.software.largest as f32);
         for at in (0..size.height).flat_map(|y| (0..size.width).map(move |x| (x, y))) {
             let normal = |p: &Picture| p.merged.normals.at(at.0, at.1);
             let depth_m = (cpu.merged.depth_m[at] - gpu.merged.depth_m[at]).abs();
             let normal = (normal(cpu) - normal(gpu)).length();
             let same_origin = cpu.merged.origin[at] == gpu.merged.origin[at];
-            if same_origin && depth_m <= Self::DEPTH_M && normal <= Self::NORMAL {
+            if same_origin && depth_m <= most_m && normal <= most_normal {
                 count.depth_m = count.depth_m.max(depth_m);
                 count.normal = count.normal.max(normal);
             } else {
@@ -136,17 +131,15 @@ impl Count {
             count.coverage += usize::from(a != b);
             count.coverage_far += usize::from(differ(a, b, 1.0 / 8.0));
             let [cpu, gpu] = [cpu, gpu].map(|p| p.layer.albedo[at]);
-            let other = (0..3).any(|c| differ(cpu[c], gpu[c], Self::COLOR));
+            let other = (0..3).any(|c| differ(cpu[c], gpu[c], most_color));
             count.colors += usize::from(a > 0.0 && b > 0.0 && other);
         }
         count
     }
 
-    /// Corners are rounded to 1/256 pixel from coordinates that are themselves rounded, in one place
-    /// more on the device (clip space). Which side of an edge a sample is on may change with that, for
-    /// one in 256 of those on edges: less than one pixel in a thousand, and one sample of it.
+    /// And where coverage differs, by one sample.
     fn check(&self, name: &str) {
-        let few = self.pixels / 1000;
+        let few = (self.pixels as f64 * RASTER_ORIGIN.software.share) as usize;
         assert!(self.surfaces <= few && self.colors <= few, "{name}: {self:?}");
         assert!(self.coverage <= few + 1 && self.coverage_far == 0, "{name}: {self:?}");
     }

@@ -4,24 +4,13 @@ use super::*;
 use crate::capture::RgbdFrame;
 use crate::fusion::{Lattice, TsdfVolume, VolumeParams};
 use crate::geometry::GBuffer;
-use crate::gpu::parity::Difference;
 use crate::gpu::stages::test_support::{gpu, upload_frame};
 use crate::image::Image;
+use crate::parity::tolerances::{TRACED_MERGED_TRANSFER, TRACED_TRANSFER};
 use crate::scene::Rasteriser;
 use crate::transfer::test_support::{camera, desk, fence, look_at, perspective};
 use crate::transfer::{RayTracedTransfer, TransferMap, TransferMethod};
 use glam::Vec3;
-
-/// A coefficient is a sum of some ten products below 1, each rounded by 2^-24; that of a hidden direction
-/// that only one side sees is far beyond it: 1/20 at 32 directions. Measured with a software device: 6e-8.
-const TOLERANCE: f64 = 2e-6;
-
-/// Rays that pass the rim of a surface meet it or not as they are rounded, and a device that fuses
-/// multiplications with additions steps elsewhere. A ray changes all coefficients of its point. With
-/// a software device, which rounds as the CPU does, none differs of 12 000 that are stopped.
-fn flipped(gpu: &Gpu) -> f64 {
-    if gpu.summary().is_software() { 2e-3 } else { 0.02 }
-}
 
 /// A desk as a volume of 2 m on the device, and the same voxels on the CPU.
 struct Room {
@@ -167,17 +156,19 @@ fn transfer_is_that_of_the_cpu() {
             let shot = Shot::with_fences(size);
             let expected = on_cpu(&params, &room, &shot);
             let found = on_device(gpu, &params, &room, &shot);
-            for (what, cpu, found) in
-                [("real", &expected[0], &found[0]), ("with objects", &expected[1], &found[1])]
-            {
-                let difference = Difference::of(cpu, found, TOLERANCE);
+            for (what, cpu, found) in [
+                (&TRACED_TRANSFER, &expected[0], &found[0]),
+                (&TRACED_MERGED_TRANSFER, &expected[1], &found[1]),
+            ] {
+                let (difference, within) = what.compare(gpu, cpu, found);
+                let what = what.stage;
                 let TransferParams { bands, directions, subsampling, refine, .. } = params;
                 let case = format!(
                     "{what}, {size:?}, {resolution} voxels, {bands} bands, {directions} directions, \
                      step {subsampling}, refine {refine}: {difference}"
                 );
                 println!("{case}");
-                assert!(difference.is_within(flipped(gpu)), "{case}");
+                assert!(within, "{case}");
             }
             // there is something to compare
             assert!(size == (1, 1) || expected[0] != expected[1], "{size:?} {params:?}");
@@ -206,7 +197,8 @@ fn rays_meet_what_they_meet_on_the_cpu() {
         let [hits, differ] = counts;
         println!("{resolution} voxels: {differ} of {hits} rays that are stopped differ");
         assert!(hits as usize > points / 2, "{hits}");
-        assert!(f64::from(differ) <= flipped(gpu) * f64::from(hits), "{differ} of {hits}");
+        let few = TRACED_TRANSFER.on(gpu).share;
+        assert!(f64::from(differ) <= few * f64::from(hits), "{differ} of {hits}");
     }
 }
 
@@ -257,8 +249,8 @@ fn objects_come_move_and_go() {
         let shot = Shot::new(camera(67, 43), objects);
         let [_, expected] = on_cpu(&params, &room, &shot);
         let [_, found] = stage.run(&room, &shot);
-        let difference = Difference::of(&expected, &found, TOLERANCE);
-        assert!(difference.is_within(flipped(gpu)), "{difference}");
+        let (difference, within) = TRACED_MERGED_TRANSFER.compare(gpu, &expected, &found);
+        assert!(within, "{difference}");
     }
 }
 
@@ -282,8 +274,8 @@ fn broken_pixels_have_no_transfer_and_far_ones_see_the_sky() {
         let expected = on_cpu(&params, &room, &shot);
         let found = on_device(gpu, &params, &room, &shot);
         for (cpu, found) in expected.iter().zip(&found) {
-            let difference = Difference::of(cpu, found, TOLERANCE);
-            assert!(difference.is_within(flipped(gpu)), "{difference}");
+            let (difference, within) = TRACED_TRANSFER.compare(gpu, cpu, found);
+            assert!(within, "{difference}");
         }
     }
 }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::fusion::stored::StoredBlock;
+use crate::parity::tolerances::FUSION_DISTANCE;
 
 /// How two volumes differ.
 #[derive(Debug, Default)]
@@ -51,9 +52,7 @@ impl Pair<'_> {
         let found = VoxelDifferences::of(&self.cpu, &volume);
         let case = format!("{case}: {} blocks, {found:?}", self.cpu.allocated_blocks());
         assert_eq!(self.on_device.allocated_blocks(self.gpu).unwrap(), volume.allocated_blocks());
-        // Where a device rounds differently (fused multiply-add, division), a voxel may fall on the
-        // other side of a pixel's or an edge's rim, or of the band's: seldom.
-        let rim = if self.gpu.summary().is_software() { 0 } else { found.voxels / 1000 };
+        let rim = (found.voxels as f64 * FUSION_DISTANCE.on(self.gpu).share) as usize;
         let beyond = [512 * found.blocks, found.weights, found.colors, found.distances];
         assert!(found.voxels > 0 && beyond.iter().all(|&voxels| voxels <= rim), "{case}");
         let crossings = self.on_device.crossings().download(self.gpu).unwrap();
