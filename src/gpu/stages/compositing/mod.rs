@@ -67,8 +67,8 @@ struct Frame<'a> {
 enum Upsampler {
     /// The grid has all pixels.
     None,
-    JointBilateral(JointBilateral),
-    BicubicGauss(BicubicGauss),
+    JointBilateral(Box<JointBilateral>),
+    BicubicGauss(Box<BicubicGauss>),
 }
 
 /// The stage, with its memory for images of one size.
@@ -115,15 +115,12 @@ impl CompositingPass {
         let upsampler = match params.upsampling {
             _ if step == 1 => Upsampler::None,
             Upsampling::JointBilateral => {
-                Upsampler::JointBilateral(JointBilateral::new(gpu, size, grid, step)?)
+                Upsampler::JointBilateral(Box::new(JointBilateral::new(gpu, size, grid, step)?))
             }
-            Upsampling::BicubicGauss => Upsampler::BicubicGauss(BicubicGauss::new(
-                gpu,
-                size,
-                grid,
-                step,
-                params.gauss_radius,
-            )?),
+            Upsampling::BicubicGauss => {
+                let made = BicubicGauss::new(gpu, size, grid, step, params.gauss_radius)?;
+                Upsampler::BicubicGauss(Box::new(made))
+            }
         };
         Ok(Self {
             params: params.clone(),
