@@ -1,6 +1,7 @@
 //! The order of the stages and what lives from frame to frame; nothing else.
 
 mod backend;
+mod buffers;
 #[cfg(feature = "gpu")]
 mod fallback;
 mod inspect;
@@ -13,6 +14,7 @@ mod shared;
 mod tests;
 
 pub use backend::{Backend, BackendRecord, FrameTraffic, Handover};
+pub use buffers::{Buffer, BufferValues};
 #[cfg(feature = "gpu")]
 pub use fallback::{OpenDevice, WithFallback};
 pub use inspect::{ObjectBuffers, StageBuffers};

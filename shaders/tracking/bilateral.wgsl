@@ -1,4 +1,4 @@
-// Bilateral filter of the depth picture (Newcombe et al. 2011, Eq. 2). Counts the pixels with depth.
+// Bilateral filter of the depth picture (Newcombe et al. 2011, Eq. 2).
 // Constants: RADIUS, in pixels; GROUP, pixels a side of a workgroup; TILED, whether what it looks at fits
 // its memory.
 
@@ -22,11 +22,8 @@ const TILE = GROUP + 2u * RADIUS;
 @group(0) @binding(1) var<storage, read> spatial: array<f32>;
 @group(0) @binding(2) var<storage, read> depth_bits: array<u32>;
 @group(0) @binding(3) var<storage, read_write> filtered_m: array<f32>;
-// pixels with depth: one number, zero before
-@group(0) @binding(4) var<storage, read_write> valid: atomic<u32>;
 
 var<workgroup> tile: array<f32, select(1u, TILE * TILE, TILED)>;
-var<workgroup> group_valid: atomic<u32>;
 
 fn picture(pixel: vec2i) -> f32 {
     if any(pixel < vec2i(0)) || any(pixel >= vec2i(params.size)) {
@@ -89,12 +86,7 @@ fn main(
         var out_m = 0.0;
         if centre_m > 0.0 {
             out_m = filtered(id.xy, local.xy, centre_m);
-            atomicAdd(&group_valid, 1u);
         }
         filtered_m[id.y * params.size.x + id.x] = out_m;
-    }
-    workgroupBarrier();
-    if local_index == 0u {
-        atomicAdd(&valid, atomicLoad(&group_valid));
     }
 }

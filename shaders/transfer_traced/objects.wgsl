@@ -7,7 +7,8 @@
 @group(0) @binding(3) var<storage, read> instances: array<Instance>;
 @group(0) @binding(4) var<storage, read> nodes: array<Node>;
 @group(0) @binding(5) var<storage, read> triangles: array<Triangle>;
-@group(0) @binding(6) var<storage, read> how: array<u32>;
+// numbers of points plus one, zero where there is none
+@group(0) @binding(6) var<storage, read> list: array<u32>;
 @group(0) @binding(7) var<storage, read_write> hits: array<u32>;
 
 // A smaller slope is taken for this one: no 0 * (1 / 0) in boxes.
@@ -90,19 +91,17 @@ fn meets(origin: vec3f, w: vec3f) -> bool {
     return false;
 }
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(LISTED_TOGETHER)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= params.points) {
+    let number = list[id.x];
+    if number == 0u {
         return;
     }
-    let way = how[point_index(id.xy)];
-    if way != TRACED && way != KNOWN {
-        return;
-    }
-    let shown = surface_at(grid_pixel(id.xy, params.step));
+    let point = vec2u((number - 1u) % params.points.x, (number - 1u) / params.points.x);
+    let shown = surface_at(grid_pixel(point, params.step));
     let origin = shown.position + params.object_lift_m * shown.normal;
-    let first = id.z * 32u;
-    let at = hits_index(id.xy, id.z);
+    let first = id.y * 32u;
+    let at = hits_index(point, id.y);
     var found = hits[at];
     for (var d = first; d < min(first + 32u, params.directions); d++) {
         let bit = 1u << (d - first);

@@ -6,6 +6,9 @@ const QUADS = (COEFFICIENTS + 3u) / 4u;
 // Values of a direction: itself, then its spherical harmonics, zero beyond the bands.
 const ROW = 1u + QUADS;
 
+// Points of a workgroup that sends the rays of a list.
+const LISTED_TOGETHER = 64u;
+
 // How a point gets its transfer.
 const NO_SURFACE = 0u;
 const INTERPOLATED = 1u;

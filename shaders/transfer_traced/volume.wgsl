@@ -11,7 +11,8 @@
 @group(0) @binding(5) var<storage, read> voxels: array<u32>;
 // of blocks to the nearest one that may hold surface
 @group(0) @binding(6) var<storage, read> distances: array<u32>;
-@group(0) @binding(7) var<storage, read> how: array<u32>;
+// numbers of points plus one, zero where there is none
+@group(0) @binding(7) var<storage, read> list: array<u32>;
 @group(0) @binding(8) var<storage, read_write> hits: array<u32>;
 
 // Voxels around an empty cube that are empty too: where it is a block, the blocks around it count.
@@ -60,15 +61,17 @@ fn meets(origin: vec3f, w: vec3f) -> bool {
     return false;
 }
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(LISTED_TOGETHER)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= params.points) || how[point_index(id.xy)] != TRACED {
+    let number = list[id.x];
+    if number == 0u {
         return;
     }
-    let shown = surface_at(grid_pixel(id.xy, params.step));
+    let point = vec2u((number - 1u) % params.points.x, (number - 1u) / params.points.x);
+    let shown = surface_at(grid_pixel(point, params.step));
     let lifted = shown.position + params.lift_m * shown.normal;
     let origin = (lifted - params.min_corner.xyz) / params.voxel_m - 0.5;
-    let first = id.z * 32u;
+    let first = id.y * 32u;
     var found = 0u;
     for (var d = first; d < min(first + 32u, params.directions); d++) {
         let w = directions[d * ROW].xyz;
@@ -76,5 +79,5 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
             found |= 1u << (d - first);
         }
     }
-    hits[hits_index(id.xy, id.z)] = found;
+    hits[hits_index(point, id.y)] = found;
 }

@@ -79,7 +79,9 @@ impl Governor {
         if !outcome.composed {
             return Ok(None);
         }
-        let update_ms = 1e3 * outcome.times.update().as_secs_f64();
+        // stages of the GPU overlap
+        let update = outcome.times.update().min(outcome.duration);
+        let update_ms = 1e3 * update.as_secs_f64();
         self.frames += 1;
         self.within += usize::from(update_ms <= self.budget_ms);
         let Some(change) = self.controller.frame(update_ms) else {

@@ -80,40 +80,56 @@ impl Profile {
         Self::parse(BUILT_IN).expect("the built-in profile is tested")
     }
 
-    /// `explicit`, else that of this machine, else the built-in one. A file that is there but broken
-    /// is an error. Says on the log which is taken.
-    pub fn find(explicit: Option<&Path>) -> Result<Self, BudgetError> {
-        let here = Machine::here();
+    /// For a backend, "cpu" or "gpu": `explicit`, else that of this machine, else the built-in one. A file
+    /// that is there but broken is an error. Says on the log which is taken.
+    pub fn find(explicit: Option<&Path>, backend: &str) -> Result<Self, BudgetError> {
+        let here = Machine { backend: backend.to_owned(), ..Machine::here() };
+        let default = Self::default_path(backend);
         let path = match explicit {
             Some(path) => Some(path.to_owned()),
-            None => Self::default_path(&here.backend).ok().filter(|path| path.exists()),
+            None => default.as_ref().ok().filter(|path| path.exists()).cloned(),
         };
         let Some(path) = path else {
             let profile = Self::built_in();
-            log::info!(
-                "budget: this machine has no profile (`kinlight tradeoff` makes one); taking the \
-                 built-in one, measured on {} with {} threads",
-                profile.machine.cpu,
-                profile.machine.threads
-            );
+            log::info!("budget: {}", profile.as_substitute(&here, default.ok().as_deref()));
             return Ok(profile);
         };
         let profile = Self::read(&path)?;
         log::info!("budget: profile {}, {} steps", path.display(), profile.steps.len());
         let there = &profile.machine;
-        if (&there.cpu, there.threads, &there.version) != (&here.cpu, here.threads, &here.version) {
+        let known = |m: &Machine| (m.cpu.clone(), m.threads, m.version.clone(), m.backend.clone());
+        if known(there) != known(&here) {
             log::warn!(
-                "budget: the profile was measured on {} with {} threads by version {}, this is {} \
-                 with {} and {}: its times will be scaled by what is measured",
+                "budget: the profile was measured on {} with {} threads by version {}, backend {}, this is \
+                 {} with {}, {} and {}: its times will be scaled by what is measured",
                 there.cpu,
                 there.threads,
                 there.version,
+                there.backend,
                 here.cpu,
                 here.threads,
-                here.version
+                here.version,
+                here.backend
             );
         }
         Ok(profile)
+    }
+
+    /// Why this one is taken.
+    fn as_substitute(&self, here: &Machine, place: Option<&Path>) -> String {
+        let Machine { cpu, threads, backend, .. } = &self.machine;
+        let measured = format!("taking the built-in one, measured on {cpu} with {threads} threads");
+        if here.backend == *backend {
+            return format!(
+                "this machine has no profile (`kinlight tradeoff` makes one); {measured}"
+            );
+        }
+        let place = place.map_or_else(|| "--profile".to_owned(), |path| path.display().to_string());
+        format!(
+            "there is no profile of the {} backend ({place}); {measured}, backend {backend}: its times \
+             will be scaled by what is measured",
+            here.backend
+        )
     }
 
     /// `$XDG_CONFIG_HOME/kinlight/profile-<backend>.toml`, `~/.config` where that is not set.
@@ -250,17 +266,29 @@ pub(super) mod tests {
             profile(&[("ours-fast", &[], 95.0, 0.2), ("ours", &["light.stride=4"], 300.0, 0.1)]);
         profile.write(&path).unwrap();
         assert_eq!(Profile::read(&path).unwrap(), profile);
-        assert_eq!(Profile::find(Some(&path)).unwrap(), profile);
+        for backend in ["cpu", "gpu"] {
+            assert_eq!(Profile::find(Some(&path), backend).unwrap(), profile);
+        }
         for (text, word) in [
             ("error = \"composite\"", "missing field"),
             (&std::fs::read_to_string(&path).unwrap().replace("300.0", "nan"), "above 0"),
             (&std::fs::read_to_string(&path).unwrap().replace("0.1", "-0.1"), "negative"),
         ] {
             std::fs::write(&path, text).unwrap();
-            let message = Profile::find(Some(&path)).unwrap_err().to_string();
+            let message = Profile::find(Some(&path), "gpu").unwrap_err().to_string();
             assert!(message.contains(word) && message.contains("profile-cpu.toml"), "{message}");
         }
-        assert!(Profile::find(Some(&folder.path().join("none.toml"))).is_err());
+        assert!(Profile::find(Some(&folder.path().join("none.toml")), "cpu").is_err());
+    }
+
+    #[test]
+    fn a_profile_of_another_backend_says_so() {
+        let here = |backend: &str| Machine { backend: backend.to_owned(), ..Machine::here() };
+        let place = path_in(Some("/c".into()), None, "gpu").unwrap();
+        let words = |backend| Profile::built_in().as_substitute(&here(backend), Some(&place));
+        assert!(words("gpu").contains("/c/kinlight/profile-gpu.toml"), "{}", words("gpu"));
+        assert!(words("gpu").contains("backend cpu"), "{}", words("gpu"));
+        assert!(words("cpu").contains("kinlight tradeoff"), "{}", words("cpu"));
     }
 
     #[test]

@@ -164,7 +164,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "33ms", value_parser = parse_budget)]
     pub budget: Option<Duration>,
     /// What settings cost on this machine, as written by `kinlight tradeoff`
-    /// [default: $XDG_CONFIG_HOME/kinlight/profile-cpu.toml, ~/.config without it].
+    /// [default: $XDG_CONFIG_HOME/kinlight/profile-cpu.toml, or -gpu; ~/.config without it].
     #[arg(long, value_name = "FILE.toml", requires = "budget")]
     pub profile: Option<PathBuf>,
 }

@@ -22,25 +22,21 @@ pub enum Device {
 }
 
 impl Device {
-    /// As the arguments ask for. What the GPU cannot do is an error where it was asked for, and otherwise
-    /// leads to the CPU.
+    /// As the arguments ask for. What the GPU cannot do leads to the CPU, unless it was asked for.
     #[cfg(feature = "gpu")]
-    pub fn choose(run: &RunArgs, dumps: bool) -> Result<Self, CliError> {
-        let obstacle = obstacle(run, dumps);
+    pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
         let named = run.adapter.is_some();
         let choice = run.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
-        match (run.backend, obstacle) {
-            (Asked::Cpu, _) if named => Err(CliError::Usage(
+        match run.backend {
+            Asked::Cpu if named => Err(CliError::Usage(
                 "--adapter names a graphics device, --backend cpu takes none".into(),
             )),
-            (Asked::Cpu, _) => Ok(Self::Cpu(None)),
-            (Asked::Gpu, Some(obstacle)) => Err(CliError::Usage(obstacle)),
-            (Asked::Auto, Some(obstacle)) => Self::no_gpu(named, obstacle),
-            (Asked::Gpu, None) => {
+            Asked::Cpu => Ok(Self::Cpu(None)),
+            Asked::Gpu => {
                 let gpu = Gpu::open(&choice).map_err(unusable)?;
                 Ok(Self::Gpu(GpuDevice::new(gpu, run)))
             }
-            (Asked::Auto, None) => match diagnosis::take(&choice).map_err(unusable)? {
+            Asked::Auto => match diagnosis::take(&choice).map_err(unusable)? {
                 diagnosis::Taken::Gpu(gpu) => Ok(Self::Gpu(GpuDevice::new(*gpu, run))),
                 diagnosis::Taken::Cpu { because } => Self::no_gpu(named, because),
             },
@@ -58,7 +54,7 @@ impl Device {
     }
 
     #[cfg(not(feature = "gpu"))]
-    pub fn choose(run: &RunArgs, _: bool) -> Result<Self, CliError> {
+    pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
         match run.backend {
             Asked::Auto | Asked::Cpu => Ok(Self::Cpu(None)),
         }
@@ -69,6 +65,15 @@ impl Device {
             Self::Cpu(because) => because.as_deref(),
             #[cfg(feature = "gpu")]
             Self::Gpu(_) => None,
+        }
+    }
+
+    /// As in the name of its profile.
+    pub fn backend(&self) -> &'static str {
+        match self {
+            Self::Cpu(_) => "cpu",
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => "gpu",
         }
     }
 
@@ -163,16 +168,4 @@ fn open_again(name: &str, memory_bytes: Option<u64>) -> Result<Gpu, GpuError> {
 #[cfg(feature = "gpu")]
 fn unusable(error: GpuError) -> CliError {
     CliError::Usage(error.to_string())
-}
-
-/// What keeps the run from the GPU.
-#[cfg(feature = "gpu")]
-fn obstacle(run: &RunArgs, dumps: bool) -> Option<String> {
-    if dumps {
-        return Some("--dump shows buffers of the CPU backend; take --backend cpu".into());
-    }
-    if run.budget.is_some() {
-        return Some("--budget has no profile of the GPU backend; take --backend cpu".into());
-    }
-    None
 }

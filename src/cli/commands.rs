@@ -28,13 +28,13 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
         timings: !leave_out(Output::Timings),
         video: args.video,
     };
-    let pace = match setup::governor(&args.run)? {
+    let device = Device::choose(&args.run)?;
+    let pace = match setup::governor(&args.run, &device)? {
         Some(governor) => Pace::Budget(governor),
         None => {
             Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run.changes)?.into())
         }
     };
-    let device = Device::choose(&args.run, !args.dump.is_empty())?;
     let run = Run { pace, plan, dump: &args.dump, out: &args.run.out, device: &device };
     let done = run.go(&args.run, talk)?;
     if !leave_out(Output::Report) {
@@ -65,8 +65,8 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
     for name in &args.presets {
         paces.push(Pace::Preset(name, setup::settings(name, &args.run.changes)?.into()));
     }
-    paces.extend(setup::governor(&args.run)?.map(Pace::Budget));
-    let device = Device::choose(&args.run, false)?;
+    let device = Device::choose(&args.run)?;
+    paces.extend(setup::governor(&args.run, &device)?.map(Pace::Budget));
     let mut done = Vec::new();
     for pace in paces {
         let plan = OutputPlan { frames: args.frames_out, timings: true, ..OutputPlan::NOTHING };

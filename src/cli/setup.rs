@@ -2,6 +2,7 @@
 
 use super::CliError;
 use super::args::{Poses, ReadingArgs, RunArgs, SettingsArgs, SourceArgs};
+use super::backend::Device;
 use kinlight::budget::{Governor, Ladder, Profile};
 use kinlight::capture::{CaptureOptions, Sequence, open_sequence};
 use kinlight::config::{Settings, SettingsError};
@@ -59,10 +60,10 @@ fn adjust(settings: &mut Settings, changes: &SettingsArgs) -> Result<(), Setting
 
 /// What keeps the run's budget, where it has one. After [`start_threads`]: profiles name the number of
 /// threads.
-pub fn governor(run: &RunArgs) -> Result<Option<Governor>, CliError> {
+pub fn governor(run: &RunArgs, device: &Device) -> Result<Option<Governor>, CliError> {
     let Some(budget) = run.budget else { return Ok(None) };
     let usage = |e: kinlight::budget::BudgetError| CliError::Usage(e.to_string());
-    let profile = Profile::find(run.profile.as_deref()).map_err(usage)?;
+    let profile = Profile::find(run.profile.as_deref(), device.backend()).map_err(usage)?;
     let ladder = Ladder::choose(&profile, budget, &|settings| adjust(settings, &run.changes));
     Ok(Some(Governor::new(ladder.map_err(usage)?, budget)))
 }

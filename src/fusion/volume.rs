@@ -19,9 +19,10 @@ pub enum FusionError {
     Pose { frame: usize },
     #[cfg(feature = "gpu")]
     #[error(
-        "the volume is full: its memory on the GPU holds {blocks} blocks of 8x8x8 voxels; lower volume.resolution"
+        "the volume is full: its memory on the GPU holds {blocks} blocks of 8x8x8 voxels, {refused} more found no \
+         room; lower volume.resolution"
     )]
-    Full { blocks: usize },
+    Full { blocks: usize, refused: usize },
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] crate::gpu::GpuError),

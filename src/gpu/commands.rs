@@ -38,12 +38,20 @@ impl<'g> Commands<'g> {
         }
     }
 
-    /// Measures passes from here on, where there is a timer; [`Self::submit_timed`] ends that.
+    /// Measures passes from here on, where there is a timer, over all submissions until
+    /// [`Self::submit_timed`].
     pub fn timed(mut self, timer: Option<&StageTimer>) -> Self {
         // passes that are measured one by one have queries of their own
         let timer = timer.filter(|_| self.gpu.profiling().is_none());
         self.marks = timer.map(StageTimer::marks);
         self
+    }
+
+    /// Whether the passes that follow are measured, where there is a timer.
+    pub fn measure(&mut self, on: bool) {
+        if let Some(marks) = &mut self.marks {
+            marks.paused = !on;
+        }
     }
 
     pub fn gpu(&self) -> &'g Gpu {
@@ -102,17 +110,30 @@ impl<'g> Commands<'g> {
     pub fn submit(mut self) -> Result<(), GpuError> {
         match self.gpu.profiling() {
             Some(profile) => profile.before(&mut self),
-            None => self.gpu.hand_over(self.encoder, &self.parameters),
+            None => self.gpu.hand_over(self.encoder, &self.parameters).map(|_| ()),
         }
     }
 
-    /// Submits what is recorded so far, and waits for the device; recording goes on.
-    pub(super) fn flush(&mut self) -> Result<(), GpuError> {
-        let next = self.gpu.device().create_command_encoder(&Default::default());
-        let recorded = std::mem::replace(&mut self.encoder, next);
+    /// Hands what is recorded so far to the device, and goes on recording.
+    pub fn flush(&mut self) -> Result<wgpu::SubmissionIndex, GpuError> {
+        if let Some(profile) = self.gpu.profiling() {
+            profile.before(self)?;
+        }
+        let recorded = self.take_recorded();
+        self.gpu.hand_over(recorded, &std::mem::take(&mut self.parameters))
+    }
+
+    /// Submits what is recorded so far, and waits for the device; a pass may be in the making.
+    pub(super) fn flush_and_wait(&mut self) -> Result<(), GpuError> {
+        let recorded = self.take_recorded();
         // all parameters again, as passes to come have places behind them
         self.gpu.hand_over(recorded, &self.parameters)?;
         self.gpu.wait()
+    }
+
+    fn take_recorded(&mut self) -> wgpu::CommandEncoder {
+        let next = self.gpu.device().create_command_encoder(&Default::default());
+        std::mem::replace(&mut self.encoder, next)
     }
 }
 

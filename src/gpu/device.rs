@@ -24,8 +24,8 @@ pub struct Gpu {
     /// Held from writing the arena until its commands are submitted.
     pub(super) submitting: Mutex<()>,
     pub(super) traffic: TrafficCounter,
-    pub(super) profile: OnceLock<Profile>,
     pub(super) memory: Arc<Memory>,
+    pub(super) profile: OnceLock<Profile>,
     pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
     /// Of shaders that count what they do.
     counting_pipelines: Mutex<Pipelines<wgpu::ComputePipeline>>,
@@ -125,8 +125,8 @@ impl Gpu {
             arena,
             submitting: Mutex::default(),
             traffic: TrafficCounter::default(),
-            profile: OnceLock::new(),
             memory: Arc::default(),
+            profile: OnceLock::new(),
             pipelines: Mutex::default(),
             counting_pipelines: Mutex::default(),
             drawing_pipelines: Mutex::default(),
@@ -145,7 +145,17 @@ impl Gpu {
 
     /// Waits until everything that was submitted is done.
     pub fn wait(&self) -> Result<(), GpuError> {
-        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.poll(wgpu::PollType::wait_indefinitely())
+    }
+
+    /// Waits until this submission is done, and those before it.
+    pub fn wait_for(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
+    }
+
+    fn poll(&self, until: wgpu::PollType) -> Result<(), GpuError> {
+        self.traffic.wait();
+        let polled = self.device.poll(until);
         self.check()?;
         polled.map(|_| ()).map_err(|error| GpuError::Lost { reason: error.to_string() })
     }
@@ -174,14 +184,15 @@ impl Gpu {
         &self,
         recorded: wgpu::CommandEncoder,
         parameters: &[u8],
-    ) -> Result<(), GpuError> {
+    ) -> Result<wgpu::SubmissionIndex, GpuError> {
         // two threads may submit: neither may write the other's parameters
         let _held = self.submitting.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if !parameters.is_empty() {
             self.write(&self.arena, 0, parameters);
         }
-        self.queue.submit([recorded.finish()]);
-        self.check()
+        let index = self.queue.submit([recorded.finish()]);
+        self.traffic.submission();
+        self.check().map(|()| index)
     }
 
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {

@@ -237,7 +237,7 @@ mod tests {
             assert!(error.to_string().contains(&size.to_string()), "{error}");
         }
         let mut commands = gpu.commands();
-        let computes = Shader::new("exitant/side");
+        let computes = Shader::new("exitant/radiance");
         let error = commands.drawing(&computes).err().unwrap();
         assert!(error.to_string().contains("vertex_main"), "{error}");
 

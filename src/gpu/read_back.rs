@@ -38,11 +38,17 @@ impl<T: Pod> ReadBack<T> {
         Ok(Self { free, under_way: VecDeque::new(), label, len, holds: PhantomData })
     }
 
-    /// Has the first `values` values of `buffer` copied when everything recorded so far is done.
+    /// Has the first `values` values of `buffer` copied when everything recorded so far is done; returns
+    /// how many bytes that makes.
     ///
     /// # Panics
     /// If two copies are under way already, or more values are wanted than there is room for.
-    pub fn request(&mut self, commands: &mut Commands<'_>, buffer: &GpuBuffer<T>, values: usize) {
+    pub fn request(
+        &mut self,
+        commands: &mut Commands<'_>,
+        buffer: &GpuBuffer<T>,
+        values: usize,
+    ) -> u64 {
         assert!(values <= self.len.min(buffer.len()), "{}: {values} values", self.label);
         let staging = self.free.pop().expect("a copy is taken before the third is requested");
         let bytes = padded::<T>(values);
@@ -55,6 +61,7 @@ impl<T: Pod> ReadBack<T> {
         });
         commands.gpu().traffic.read_back(bytes as usize);
         self.under_way.push_back(UnderWay { staging, bytes, values, mapped });
+        bytes
     }
 
     /// The values of the oldest request, once its commands have been submitted: waits for the device.

@@ -5,15 +5,15 @@ use crate::timing::{Stage, StageTimes};
 use std::time::Duration;
 use wgpu::{BufferUsages, ComputePassTimestampWrites, RenderPassTimestampWrites};
 
-/// Passes that are measured in one submission; those beyond are not.
+/// Passes that are measured in one frame; those beyond are not.
 const MOST_PASSES: usize = 256;
 
-/// Timestamp queries at both ends of every pass of a submission.
+/// Timestamp queries at both ends of every pass of a frame, whose submissions may be many.
 pub struct StageTimer {
     queries: wgpu::QuerySet,
     resolved: GpuBuffer<u64>,
     read_back: ReadBack<u64>,
-    /// Of the submissions that are not collected yet, the oldest first: the stage of each pass.
+    /// Of the frames that are not collected yet, the oldest first: the stage of each pass.
     under_way: std::collections::VecDeque<Vec<Stage>>,
 }
 
@@ -39,10 +39,10 @@ impl StageTimer {
 
     /// What [`Commands`] needs to measure its passes.
     pub(super) fn marks(&self) -> PassMarks {
-        PassMarks { queries: self.queries.clone(), passes: Vec::new() }
+        PassMarks { queries: self.queries.clone(), passes: Vec::new(), paused: false }
     }
 
-    /// Ends the measurement of what is recorded; called before it is submitted.
+    /// Ends the measurement; called before the last commands are submitted.
     pub(super) fn finish(&mut self, marks: PassMarks, commands: &mut Commands<'_>) {
         let count = 2 * marks.passes.len();
         if count == 0 {
@@ -54,7 +54,7 @@ impl StageTimer {
         self.under_way.push_back(marks.passes);
     }
 
-    /// Times of the oldest submission that was measured; waits for it. `None` where there is none.
+    /// Times of the oldest frame that was measured; waits for it. `None` where there is none.
     pub fn take(&mut self, gpu: &Gpu) -> Result<Option<StageTimes>, GpuError> {
         let Some(passes) = self.under_way.pop_front() else { return Ok(None) };
         let ticks = self.read_back.take(gpu)?.unwrap_or_default();
@@ -69,10 +69,12 @@ impl StageTimer {
     }
 }
 
-/// The passes of a submission that is being recorded.
+/// The passes of a frame that is being recorded.
 pub(super) struct PassMarks {
     queries: wgpu::QuerySet,
     passes: Vec<Stage>,
+    /// Passes that begin now are left out.
+    pub paused: bool,
 }
 
 impl PassMarks {
@@ -97,7 +99,7 @@ impl PassMarks {
     /// The first of a pass's two queries.
     fn reserve(&mut self, stage: Stage) -> Option<u32> {
         let first = 2 * self.passes.len() as u32;
-        if self.passes.len() == MOST_PASSES {
+        if self.paused || self.passes.len() == MOST_PASSES {
             return None;
         }
         self.passes.push(stage);

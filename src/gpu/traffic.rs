@@ -1,20 +1,36 @@
-//! Bytes between host and device.
+//! What goes to and fro between host and device: every byte, submission and wait is counted here.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-/// Bytes moved since the device was opened.
+/// Counted since the device was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
+    /// Bytes.
     pub uploaded: u64,
     pub read_back: u64,
+    pub submissions: u64,
+    /// Times that the host waited for the device.
+    pub waits: u64,
 }
 
 impl Traffic {
-    /// What was moved after `earlier`.
+    /// Both together.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            uploaded: self.uploaded + other.uploaded,
+            read_back: self.read_back + other.read_back,
+            submissions: self.submissions + other.submissions,
+            waits: self.waits + other.waits,
+        }
+    }
+
+    /// What was counted after `earlier`.
     pub fn since(self, earlier: Self) -> Self {
         Self {
             uploaded: self.uploaded - earlier.uploaded,
             read_back: self.read_back - earlier.read_back,
+            submissions: self.submissions - earlier.submissions,
+            waits: self.waits - earlier.waits,
         }
     }
 }
@@ -23,6 +39,8 @@ impl Traffic {
 pub(super) struct TrafficCounter {
     uploaded: AtomicU64,
     read_back: AtomicU64,
+    submissions: AtomicU64,
+    waits: AtomicU64,
 }
 
 impl TrafficCounter {
@@ -34,7 +52,20 @@ impl TrafficCounter {
         self.read_back.fetch_add(bytes as u64, Relaxed);
     }
 
+    pub fn submission(&self) {
+        self.submissions.fetch_add(1, Relaxed);
+    }
+
+    pub fn wait(&self) {
+        self.waits.fetch_add(1, Relaxed);
+    }
+
     pub fn total(&self) -> Traffic {
-        Traffic { uploaded: self.uploaded.load(Relaxed), read_back: self.read_back.load(Relaxed) }
+        Traffic {
+            uploaded: self.uploaded.load(Relaxed),
+            read_back: self.read_back.load(Relaxed),
+            submissions: self.submissions.load(Relaxed),
+            waits: self.waits.load(Relaxed),
+        }
     }
 }

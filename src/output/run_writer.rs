@@ -7,7 +7,7 @@ use super::{
 };
 use crate::image::Image;
 use crate::lighting::LightChannels;
-use crate::pipeline::{Backend, BackendRecord, FrameOutcome, Pipeline};
+use crate::pipeline::{Backend, BackendRecord, FrameOutcome, PipelineError};
 use std::path::{Path, PathBuf};
 
 /// Rows of `environment.hdr`; it is twice as wide.
@@ -50,8 +50,9 @@ impl OutputPlan {
     };
 }
 
-/// Makes a picture of one buffer in the host's memory; `None` where there is none in this frame.
-pub type BufferPicture = Box<dyn Fn(&Pipeline) -> Option<Image<[u8; 3]>> + Send>;
+/// Makes a picture of one buffer; `None` where there is none in this frame.
+pub type BufferPicture =
+    Box<dyn Fn(&dyn Backend) -> Result<Option<Image<[u8; 3]>>, PipelineError> + Send>;
 
 /// Writes a run into one folder. Logs are valid after every frame; whole files appear at once.
 pub struct RunWriter {
@@ -130,8 +131,12 @@ impl RunWriter {
             write_color_png(&self.folder.join("frames").join(&name), pipeline.composed())?;
         }
         for (buffer, picture) in &self.buffers {
-            if let Some(picture) = pipeline.on_host().and_then(picture) {
-                write_color_png(&self.folder.join(buffer).join(&name), &picture)?;
+            match picture(pipeline) {
+                Ok(Some(picture)) => {
+                    write_color_png(&self.folder.join(buffer).join(&name), &picture)?;
+                }
+                Ok(None) => {}
+                Err(problem) => log::error!("no {buffer}/{name}: {problem}"),
             }
         }
         if let Some(video) = &mut self.video {

@@ -18,7 +18,7 @@ use crate::capture::{CaptureError, FrameSource, RawFrame};
 use crate::config::Settings;
 use crate::geometry::GBuffer;
 use crate::gpu::{Gpu, GpuError};
-use crate::pipeline::{GpuPipeline, Pipeline, PipelineError, StageBuffers};
+use crate::pipeline::{Backend, GpuPipeline, Pipeline, PipelineError, StageBuffers};
 use crate::scene::VirtualScene;
 use crate::timing::StageTimes;
 use crate::tracking::PoseMode;

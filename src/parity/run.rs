@@ -66,40 +66,50 @@ impl WholeRun {
         }
     }
 
-    /// Every quantity, judged by its worst frame. `software` is the kind of device.
+    /// Every quantity, judged by its worst frame or by all together. `software` is the kind of device.
     pub fn summaries(&self, software: bool) -> Vec<Summary> {
+        use JudgedBy::{Mean, Worst};
         let all = [
-            (&RUN_POSITION, &self.position_mm),
-            (&RUN_ROTATION, &self.rotation_deg),
-            (&RUN_LIGHT, &self.light_deg),
-            (&RUN_PICTURE, &self.picture_percent),
-            (&RUN_JUDGEMENT, &self.judgement),
+            (&RUN_POSITION, &self.position_mm, Worst),
+            (&RUN_ROTATION, &self.rotation_deg, Worst),
+            (&RUN_LIGHT, &self.light_deg, Worst),
+            (&RUN_PICTURES, &self.picture_percent, Mean),
+            (&RUN_PICTURE, &self.picture_percent, Worst),
+            (&RUN_JUDGEMENT, &self.judgement, Worst),
         ];
         all.into_iter()
-            .filter_map(|(tolerance, series)| series.summary(tolerance, software))
+            .filter_map(|(tolerance, series, by)| series.summary(tolerance, by, software))
             .collect()
     }
 }
 
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum JudgedBy {
+    Worst,
+    Mean,
+}
+
 impl Series {
     /// None without frames.
-    fn summary(&self, tolerance: &Tolerance, software: bool) -> Option<Summary> {
+    fn summary(&self, tolerance: &Tolerance, by: JudgedBy, software: bool) -> Option<Summary> {
         let values = || self.0.iter().map(|&(_, value)| value);
         // the first of equal ones
         let &(frame, largest) = self.0.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let limit = tolerance.limit(software).largest;
+        let mean = values().sum::<f64>() / self.0.len() as f64;
+        let judged = if by == JudgedBy::Mean { mean } else { largest };
         Some(Summary {
             quantity: tolerance.quantity,
             unit: tolerance.unit,
             frames: self.0.len(),
-            mean: values().sum::<f64>() / self.0.len() as f64,
+            mean,
             median: median(values())?,
             largest,
             frame,
             beyond: values().filter(|&value| beyond(value, limit)).count(),
             tolerance: limit,
             reason: tolerance.reason,
-            within: !beyond(largest, limit),
+            within: !beyond(judged, limit),
         })
     }
 }

@@ -1,6 +1,6 @@
 //! A pipeline, wherever its stages run.
 
-use super::{FrameOutcome, Pipeline, PipelineError};
+use super::{Buffer, BufferValues, FrameOutcome, Pipeline, PipelineError};
 use crate::capture::RawFrame;
 use crate::config::Settings;
 use crate::image::Image;
@@ -21,6 +21,9 @@ pub trait Backend {
     fn light(&self) -> Option<&LightEstimate>;
 
     fn mesh(&self) -> Result<TriangleMesh, PipelineError>;
+
+    /// An intermediate buffer of the newest frame, where it has one.
+    fn buffer(&self, which: Buffer) -> Result<Option<BufferValues>, PipelineError>;
 
     /// What computes, for the files of a run.
     fn record(&self) -> BackendRecord;
@@ -45,6 +48,9 @@ pub struct BackendRecord {
     pub clock: String,
     /// Between host and device; from two frames on.
     pub traffic: Option<FrameTraffic>,
+    /// Of the volume, on the device.
+    #[serde(default)]
+    pub volume_bytes: Option<u64>,
     /// Where the run went on elsewhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub handovers: Vec<Handover>,
@@ -59,7 +65,8 @@ pub struct Handover {
     pub because: String,
 }
 
-/// Mean bytes a frame, the first left out, which also brings tables and models.
+/// Mean bytes a frame, the first left out, which also brings tables and models; and how often a frame is
+/// handed over in parts.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FrameTraffic {
     /// Pictures, parameters and objects.
@@ -68,12 +75,25 @@ pub struct FrameTraffic {
     pub read_back: u64,
     /// The part of `read_back` that is the composed picture.
     pub picture: u64,
+    /// Times that the device is given work.
+    #[serde(default)]
+    pub submissions: f64,
+    /// Times that the host waits for the device.
+    #[serde(default)]
+    pub waits: f64,
 }
 
 impl BackendRecord {
     pub fn cpu() -> Self {
         let clock = "host".to_owned();
-        Self { name: "cpu".to_owned(), adapter: None, clock, traffic: None, handovers: Vec::new() }
+        Self {
+            name: "cpu".to_owned(),
+            adapter: None,
+            clock,
+            traffic: None,
+            volume_bytes: None,
+            handovers: Vec::new(),
+        }
     }
 
     /// What computed from which frame on, as "gpu, cpu from frame 20".
@@ -93,11 +113,13 @@ impl std::fmt::Display for BackendRecord {
         if let Some(adapter) = &self.adapter {
             write!(f, ": {adapter}")?;
         }
-        if let Some(FrameTraffic { uploaded, read_back, picture }) = self.traffic {
+        if let Some(traffic) = self.traffic {
+            let FrameTraffic { uploaded, read_back, picture, submissions, waits } = traffic;
             let kib = |bytes: u64| bytes as f64 / 1024.0;
             write!(
                 f,
-                "; {:.0} KiB up and {:.0} KiB back a frame, {:.0} KiB of it the picture",
+                "; {:.0} KiB up and {:.0} KiB back a frame, {:.0} KiB of it the picture; \
+                 {submissions:.1} submissions and {waits:.1} waits a frame",
                 kib(uploaded),
                 kib(read_back),
                 kib(picture)
@@ -130,6 +152,10 @@ impl Backend for Pipeline {
 
     fn mesh(&self) -> Result<TriangleMesh, PipelineError> {
         Ok(self.mesh())
+    }
+
+    fn buffer(&self, which: Buffer) -> Result<Option<BufferValues>, PipelineError> {
+        Ok(self.buffer(which))
     }
 
     fn record(&self) -> BackendRecord {

@@ -3,8 +3,10 @@
 #[cfg(test)]
 mod tests;
 
-use super::{Backend, BackendRecord, FrameOutcome, GpuPipeline, Handover, Map, Pipeline};
-use super::{MergedSides, PipelineError};
+use super::{
+    Backend, BackendRecord, Buffer, BufferValues, FrameOutcome, GpuPipeline, Handover, Map,
+};
+use super::{MergedSides, Pipeline, PipelineError};
 use crate::capture::RawFrame;
 use crate::config::Settings;
 use crate::fusion::{FusionError, SurfaceStage};
@@ -228,6 +230,10 @@ impl Backend for WithFallback {
 
     fn mesh(&self) -> Result<TriangleMesh, PipelineError> {
         self.running.backend().mesh()
+    }
+
+    fn buffer(&self, which: Buffer) -> Result<Option<BufferValues>, PipelineError> {
+        self.running.backend().buffer(which)
     }
 
     fn record(&self) -> BackendRecord {

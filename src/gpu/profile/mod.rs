@@ -99,7 +99,7 @@ impl Profile {
     /// What was recorded before a pass runs first.
     pub fn before(&self, commands: &mut Commands<'_>) -> Result<(), GpuError> {
         let start = Instant::now();
-        commands.flush()?;
+        commands.flush_and_wait()?;
         if let Some(copies) = commands.copies.take() {
             let is_timed = self.measures() == Some(Measure::Time);
             self.add(PassRecord {
@@ -127,7 +127,7 @@ impl Profile {
         let (time, work) = match (self.measures(), counted) {
             (Some(Measure::Work), Ok(counted)) => (None, Some(self.count(commands, counted)?)),
             (Some(Measure::Work), Err(work)) => {
-                commands.flush()?;
+                commands.flush_and_wait()?;
                 (None, Some(work))
             }
             _ => (Some(self.time(commands)?), None),
@@ -146,7 +146,7 @@ impl Profile {
             return clock.time(commands);
         }
         let start = Instant::now();
-        commands.flush()?;
+        commands.flush_and_wait()?;
         Ok(start.elapsed())
     }
 
@@ -154,7 +154,7 @@ impl Profile {
         let read_back = &mut locked(&self.counting).read_back;
         read_back.request(commands, &self.counts, counted.words());
         commands.copies = None;
-        commands.flush()?;
+        commands.flush_and_wait()?;
         let counts = read_back.take(commands.gpu())?.unwrap_or_default();
         Ok(work_of(&counts, counted))
     }
@@ -205,7 +205,7 @@ impl DeviceClock {
         commands.encoder.resolve_query_set(&self.queries, 0..2, self.resolved.raw(), 0);
         read_back.request(commands, &self.resolved, 2);
         commands.copies = None;
-        commands.flush()?;
+        commands.flush_and_wait()?;
         let ticks = read_back.take(gpu)?.unwrap_or_default();
         let ticks =
             ticks.last().zip(ticks.first()).map_or(0, |(end, start)| end.saturating_sub(*start));

@@ -11,15 +11,13 @@ uniform! {
         towards_light: [f32; 4],
         radiance: [f32; 4],
         pixels: u32,
+        is_seen: u32,
         pad0: u32,
         pad1: u32,
-        pad2: u32,
     }
 }
 
-pub(super) fn shaders() -> [Shader; 2] {
-    [Shader::new("exitant/camera"), Shader::new("exitant/side")]
-}
+pub(super) const SHADER: Shader = Shader::new("exitant/radiance");
 
 /// Reflection of the dominant light by virtual surfaces, and the camera's colour on real ones.
 pub struct ExitantPass {
@@ -37,9 +35,9 @@ impl ExitantPass {
             towards_light: padded(towards),
             radiance: padded(radiance),
             pixels: 0,
+            is_seen: 0,
             pad0: 0,
             pad1: 0,
-            pad2: 0,
         };
         Self { uniform }
     }
@@ -61,18 +59,17 @@ impl ExitantPass {
         let color = camera_color.map_or(size, GpuImage::size);
         assert!([layer.size(), out.size(), color] == [size; 3], "sizes of exitant radiance");
         commands.stage(Stage::RadTransfer);
-        let [camera, side] = shaders();
-        let pass = commands
-            .pass(if camera_color.is_some() { &camera } else { &side })?
-            .uniform(&ExitantUniform { pixels: size.pixels() as u32, ..self.uniform })?
+        let (pixels, is_seen) = (size.pixels() as u32, u32::from(camera_color.is_some()));
+        commands
+            .pass(&SHADER)?
+            .uniform(&ExitantUniform { pixels, is_seen, ..self.uniform })?
             .read(&buffer.surface)?
             .read(&buffer.origin)?
-            .read(layer)?;
-        let pass = match camera_color {
-            Some(color) => pass.read(color)?,
-            None => pass,
-        };
-        pass.write(out)?.over_count(size.pixels())
+            .read(layer)?
+            // without colour it is not used, but something must be bound
+            .read(camera_color.unwrap_or(&buffer.surface))?
+            .write(out)?
+            .over_count(size.pixels())
     }
 }
 

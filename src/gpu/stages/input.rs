@@ -4,6 +4,7 @@ use crate::capture::{ColorFilter, InputParams, RawFrame, RgbdFrame, input_tables
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, GpuImage, Shader, uniform};
 use crate::image::{Image, Size};
 use crate::timing::Stage;
+use std::ops::Range;
 
 uniform! {
     struct ColorUniform {
@@ -131,6 +132,15 @@ impl InputPass {
             .write(&out.color)?
             .over(size)
     }
+
+    /// How much of a raw depth picture passes this stage and lies within `range_m`, 0 to 1: counted on the
+    /// host, so that nobody has to wait for it.
+    pub fn depth_share(&self, depth_m: &Image<f32>, range_m: &Range<f32>) -> f32 {
+        let passing = self.params.min_depth_m..=self.params.max_depth_m;
+        let depths = depth_m.as_slice().iter();
+        let usable = depths.filter(|&d| passing.contains(d) & range_m.contains(d)).count();
+        usable as f32 / depth_m.size().pixels().max(1) as f32
+    }
 }
 
 #[cfg(test)]
@@ -176,11 +186,15 @@ mod tests {
                 let color = pictures.color.buffer().download(gpu).unwrap();
                 let depth_m = pictures.depth_m.buffer().download(gpu).unwrap();
 
+                let range_m = 0.3..4.0;
+                let share = pass.depth_share(&frame.depth_m, &range_m);
                 let mut expected = RgbdFrame::default();
                 InputStage::new(&params).prepare(frame, &mut expected);
                 let rgb: Vec<f32> = color.iter().flat_map(|c| [c[0], c[1], c[2]]).collect();
                 let steps: Vec<f32> = color.iter().map(|c| c[3]).collect();
                 assert_eq!(depth_m, expected.depth_m.as_slice());
+                let usable = depth_m.iter().filter(|d| range_m.contains(*d)).count();
+                assert_eq!(share, usable as f32 / size.pixels() as f32);
                 let light = expected.color.as_slice().as_flattened();
                 let (found, within) = INPUT_COLOR.compare(gpu, light, &rgb);
                 assert!(within, "{size} {color_filter:?} colour: {found}");

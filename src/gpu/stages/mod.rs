@@ -31,7 +31,7 @@ pub use fusion::{EmptySpacePass, GpuVolume, RayCaster, SurfacePass};
 pub use input::{FramePictures, InputPass};
 pub use light_samples::LightSamplesPass;
 pub use raster::{Drawn, RasterPass};
-pub use tracking::{GpuTracker, RenderModel};
+pub use tracking::{GpuTracker, RenderModel, TrackedFrame};
 pub use transfer::{GpuBuffers, GpuRadiance, MAX_VIEWS, TransferPass};
 pub use transfer_map::{GpuIndirectMap, GpuTransferMap};
 pub use transfer_traced::TracedTransferPass;
@@ -48,7 +48,7 @@ pub(super) fn shaders() -> Vec<super::Shader> {
         transfer::shaders(),
         transfer_traced::shaders(),
         light_samples::shaders(),
-        exitant::shaders().into(),
+        vec![exitant::SHADER],
         raster::shaders(),
         compositing::shaders(),
     ]

@@ -3,13 +3,13 @@
 use super::{Bench, ParityError};
 use crate::capture::{RawFrame, RgbdFrame};
 use crate::geometry::GBuffer;
-use crate::gpu::stages::{FramePictures, GpuTracker, InputPass};
+use crate::gpu::stages::{FramePictures, GpuTracker, InputPass, TrackedFrame};
 use crate::gpu::{Commands, GpuGBuffer};
 use crate::math::{Projection, View};
 use crate::parity::run::pose_difference;
 use crate::parity::tolerances::*;
 use crate::parity::upload;
-use crate::tracking::{FrameTag, Tracker};
+use crate::tracking::{DEPTH_RANGE_M, FrameTag, Tracker};
 
 /// The Input stage: `raw` as recorded, `expected` as the CPU prepared it.
 pub fn input(bench: &mut Bench, raw: &RawFrame, expected: &RgbdFrame) -> Result<(), ParityError> {
@@ -41,15 +41,18 @@ pub fn tracking(bench: &mut Bench, frame: &RgbdFrame, model: &GBuffer) -> Result
     // never called: the picture shows the place that both start from
     let cpu = on_cpu.track(frame, Some(model), &mut |view, out| out.set_view(*view));
 
-    let pictures = FramePictures::new(gpu, frame.color.size())?;
+    let pictures = &FramePictures::new(gpu, frame.color.size())?;
     pictures.upload(gpu, frame);
+    let input = InputPass::new(gpu, &bench.settings.input)?;
+    let depth_share = input.depth_share(&frame.depth_m, &DEPTH_RANGE_M);
     let tag = FrameTag { index: frame.index, recorded_pose: frame.world_from_camera };
     let seen = upload::buffer(gpu, model)?;
     let mut nothing = |_: &mut Commands<'_>, view: &View, out: &mut GpuGBuffer| {
         out.view = *view;
         Ok(())
     };
-    let gpu = on_gpu.track(gpu, tag, &pictures, Some(&seen), &mut nothing)?;
+    let newest = TrackedFrame { tag, pictures, depth_share };
+    let gpu = on_gpu.track(&mut gpu.commands(), newest, Some(&seen), &mut nothing)?;
     let (mm, degrees) = match cpu.state == gpu.state {
         true => pose_difference(&cpu.world_from_camera, &gpu.world_from_camera),
         false => (f64::INFINITY, f64::INFINITY),

@@ -5,13 +5,29 @@ use crate::capture::RawFrame;
 use crate::fusion::TsdfVolume;
 use crate::gpu::Gpu;
 use crate::math::View;
-use crate::pipeline::PipelineError;
+use crate::pipeline::{Pipeline, PipelineError};
 use crate::timing::StageTimes;
 use std::sync::Arc;
 
 impl GpuPipeline {
     pub(in crate::pipeline) fn device(&self) -> &Gpu {
         &self.gpu
+    }
+
+    /// A pipeline on the CPU that goes on from here with a new map: camera, objects and the light's
+    /// memory are kept.
+    pub fn to_cpu(&self) -> Result<Pipeline, PipelineError> {
+        let settings = self.settings.clone();
+        let mut pipeline = Pipeline::new(settings, self.camera, self.scene.clone())?;
+        pipeline.origin = self.origin;
+        pipeline.estimator = self.estimator.clone();
+        pipeline.given_light = self.given_light.clone();
+        pipeline.light = self.light.clone();
+        pipeline.composed = self.composed.clone();
+        if let Some(pose) = self.last_pose {
+            pipeline.tracker.reset(pose);
+        }
+        Ok(pipeline)
     }
 
     /// As [`Self::to_cpu`], on another device.

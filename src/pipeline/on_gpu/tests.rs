@@ -1,11 +1,15 @@
 //! Both pipelines over the same frames.
 
+mod buffers;
+mod traffic;
+
 use super::*;
-use crate::capture::{CaptureOptions, FrameSource, Sequence, open_sequence};
+use crate::capture::{CaptureOptions, FrameSource, RawFrame, Sequence, open_sequence};
 use crate::gpu::parity::Difference;
 use crate::gpu::{AdapterChoice, StageTimer};
-use crate::pipeline::{PipelineError, WithFallback};
+use crate::pipeline::{Backend, FrameOutcome, Pipeline, PipelineError, WithFallback};
 use crate::synth::{SynthOptions, generate};
+use crate::timing::{Stage, StageTimes};
 use crate::tracking::{OnLost, PoseMode};
 use std::sync::OnceLock;
 
@@ -130,7 +134,7 @@ fn check_run(changes: &[(&str, &str)]) {
     assert!(traffic.uploaded > 7 * 160 * 120, "a frame is uploaded");
     let picture = 3 * 160 * 120;
     assert_eq!(traffic.picture, picture);
-    assert!(traffic.read_back - picture < 400 << 10, "only sums, samples and times come back");
+    assert!(traffic.read_back - picture < 64 << 10, "only sums, samples and times come back");
 }
 
 #[test]
@@ -272,7 +276,7 @@ fn either_clock_finds_all_stages() {
         }
         let (update, duration) = (outcome.times.update(), outcome.duration);
         println!("{}: {:?} of {duration:?}", pipeline.clock.name(), outcome.times);
-        // the host's clock leaves nothing out but what lies around the stages
-        assert!(update <= duration && (measures_passes || update > duration / 2));
+        // the host's clock leaves nothing out but what lies around the stages; on the device's they overlap
+        assert!(measures_passes || (update <= duration && update > duration / 2));
     }
 }

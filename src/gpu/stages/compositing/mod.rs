@@ -117,13 +117,10 @@ impl CompositingPass {
             Upsampling::JointBilateral => {
                 Upsampler::JointBilateral(Box::new(JointBilateral::new(gpu, size, grid, step)?))
             }
-            Upsampling::BicubicGauss => Upsampler::BicubicGauss(Box::new(BicubicGauss::new(
-                gpu,
-                size,
-                grid,
-                step,
-                params.gauss_radius,
-            )?)),
+            Upsampling::BicubicGauss => {
+                let made = BicubicGauss::new(gpu, size, grid, step, params.gauss_radius)?;
+                Upsampler::BicubicGauss(Box::new(made))
+            }
         };
         Ok(Self {
             params: params.clone(),

@@ -29,13 +29,13 @@ impl PictureReadBack {
         Ok(Self { size, words: ReadBack::new(gpu, "display picture", words(size))? })
     }
 
-    /// Has `picture` copied when everything recorded so far is done.
+    /// Has `picture` copied when everything recorded so far is done; returns its bytes.
     ///
     /// # Panics
     /// If the sizes differ, or two copies are under way already.
-    pub fn request(&mut self, commands: &mut Commands<'_>, picture: &GpuPicture) {
+    pub fn request(&mut self, commands: &mut Commands<'_>, picture: &GpuPicture) -> u64 {
         assert_eq!(picture.size, self.size, "size of the display picture");
-        self.words.request(commands, &picture.bytes, words(self.size));
+        self.words.request(commands, &picture.bytes, words(self.size))
     }
 
     /// The oldest picture requested, once its commands have been submitted: waits for the device.

@@ -18,8 +18,8 @@ impl GpuVolume {
         let used: u32 = self.counters.download(gpu)?.iter().map(|c| c.used).sum();
         let words = (used as usize + 1) * VOXELS;
         let table = self.table.download(gpu)?;
-        let voxels = first_words(gpu, &self.voxels, words)?;
-        let colors = self.colors.as_ref().map(|c| first_words(gpu, c, words)).transpose()?;
+        let voxels = first_words(gpu, self.voxels(), words)?;
+        let colors = self.pool.colors.as_ref().map(|c| first_words(gpu, c, words)).transpose()?;
         let stored = table.iter().enumerate().filter(|&(_, &slot)| slot != EMPTY);
         let blocks = stored.map(|(index, &slot)| {
             let of_block = slot as usize * VOXELS..(slot as usize + 1) * VOXELS;

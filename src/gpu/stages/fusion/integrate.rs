@@ -38,8 +38,14 @@ impl GpuVolume {
         self.take_counters(commands.gpu())?;
         self.revision += 1;
         commands.stage(Stage::Reconstruct);
+        let blocks = match self.known_blocks() {
+            0 => self.blocks_wanted(commands, frame, view)?,
+            blocks => blocks,
+        };
+        self.pool.make_room(commands, blocks)?;
         let fuse = self.fuse_uniform(from_voxel);
-        self.allocate(commands, frame, view, &fuse)?;
+        self.mark(commands, frame, view)?;
+        self.allocate(commands, &fuse)?;
         self.fuse(commands, frame, &fuse)?;
         self.survey(commands)?;
         self.request_counters(commands);
@@ -55,19 +61,31 @@ impl GpuVolume {
             max_weight,
             free_weight: f32::from(self.params.free_weight).min(max_weight),
             grid: self.lattice.grid as u32,
-            capacity: self.capacity as u32,
+            capacity: self.pool.slots() as u32,
             pad0: 0,
             pad1: 0,
         }
     }
 
-    /// Gives storage to the blocks that the picture needs, and lists those that it may change.
-    fn allocate(
+    /// How many blocks a picture needs; waits for it.
+    fn blocks_wanted(
         &self,
         commands: &mut Commands<'_>,
         frame: &FramePictures,
         view: &View,
-        fuse: &FuseUniform,
+    ) -> Result<usize, GpuError> {
+        self.mark(commands, frame, view)?;
+        commands.flush()?;
+        let marks = self.marks.download(commands.gpu())?;
+        Ok(marks.iter().map(|word| word.count_ones() as usize).sum())
+    }
+
+    /// Marks the blocks that the picture needs.
+    fn mark(
+        &self,
+        commands: &mut Commands<'_>,
+        frame: &FramePictures,
+        view: &View,
     ) -> Result<(), GpuError> {
         let mark = MarkUniform {
             rays: RaysUniform::new(&self.lattice, view),
@@ -83,16 +101,20 @@ impl GpuVolume {
             .read(&frame.depth_m)?
             .write(&self.marks)?
             .write(&self.counters)?
-            .over(frame.size)?;
+            .over(frame.size)
+    }
+
+    /// Gives storage to marked blocks, and lists those that the picture may change.
+    fn allocate(&self, commands: &mut Commands<'_>, fuse: &FuseUniform) -> Result<(), GpuError> {
         commands
             .pass(&self.kernels.allocate)?
             .uniform(fuse)?
             .read(&self.marks)?
-            .read(&self.free)?
+            .read(&self.pool.free)?
             .write(&self.table)?
             .write(&self.counters)?
             .write(&self.groups)?
-            .write(&self.work)?
+            .write(&self.pool.work)?
             .over_count(self.lattice.blocks())
     }
 
@@ -102,14 +124,14 @@ impl GpuVolume {
         frame: &FramePictures,
         fuse: &FuseUniform,
     ) -> Result<(), GpuError> {
-        if let Some(colors) = &self.colors {
+        if let Some(colors) = &self.pool.colors {
             commands
                 .pass(&self.kernels.color)?
                 .uniform(fuse)?
                 .read(&frame.depth_m)?
                 .read(&frame.color_srgb)?
                 .read(&self.table)?
-                .read(&self.work)?
+                .read(&self.pool.work)?
                 .write(colors)?
                 .workgroups_from(&self.groups)?;
         }
@@ -118,8 +140,8 @@ impl GpuVolume {
             .uniform(fuse)?
             .read(&frame.depth_m)?
             .read(&self.table)?
-            .read(&self.work)?
-            .write(&self.voxels)?
+            .read(&self.pool.work)?
+            .write(&self.pool.voxels)?
             .write(&self.lowest)?
             .write(&self.sides)?
             .workgroups_from(&self.groups)
@@ -135,7 +157,7 @@ impl GpuVolume {
             .read(&self.lowest)?
             .write(&self.table)?
             .write(&self.sides)?
-            .write(&self.free)?
+            .write(&self.pool.free)?
             .write(&self.counters)?
             .over_count(blocks)?;
         commands

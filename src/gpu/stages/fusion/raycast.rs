@@ -64,7 +64,7 @@ impl RayCaster {
             .uniform(&uniform)?
             .read(&volume.table)?
             .read(&volume.crossings)?
-            .read(&volume.voxels)?
+            .read(volume.voxels())?
             .read(&self.ranges)?
             .write(&out.surface)?
             .write(&out.origin)?

@@ -1,15 +1,12 @@
 //! The volume's memory.
 
+use super::pool::{Pool, most_blocks};
 use super::shaders;
 use super::uniforms::GridUniform;
-use crate::fusion::block::{ONE, SIDE, VOXELS};
+use crate::fusion::block::{ONE, SIDE};
 use crate::fusion::{FusionError, Lattice, VolumeParams};
 use crate::gpu::{Commands, Gpu, GpuBuffer, GpuError, ReadBack, Shader};
 use wgpu::BufferUsages;
-
-/// Slots at most, the first one included, which stays unseen: as many words of voxels as WebGPU binds
-/// everywhere, and as many workgroups as it runs.
-const MOST_SLOTS: usize = 65536;
 
 /// As in `shaders/fusion/blocks.wgsl`, where it is told what they count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -31,28 +28,24 @@ pub struct GpuVolume {
     pub(super) params: VolumeParams,
     pub(super) lattice: Lattice,
     pub(super) revision: u64,
-    /// Slots of the pool.
-    pub(super) capacity: usize,
     /// By block, x fastest: its slot, 0 without storage.
     pub(super) table: GpuBuffer<u32>,
     /// By block: the bricks that may hold surface.
     pub(super) crossings: GpuBuffer<[u32; 2]>,
-    /// By slot.
-    pub(super) voxels: GpuBuffer<u32>,
-    pub(super) colors: Option<GpuBuffer<u32>>,
+    pub(super) pool: Pool,
     /// By block: what decides on its release, and what its crossings are made of.
     pub(super) lowest: GpuBuffer<i32>,
     pub(super) sides: GpuBuffer<[u32; 4]>,
     /// A bit for each block that the newest picture needs.
     pub(super) marks: GpuBuffer<u32>,
-    /// Slots that came back.
-    pub(super) free: GpuBuffer<u32>,
-    /// Blocks that the newest picture may change, and how many workgroups that makes.
-    pub(super) work: GpuBuffer<u32>,
+    /// How many blocks the newest picture may change, as workgroups.
     pub(super) groups: GpuBuffer<u32>,
     pub(super) counters: GpuBuffer<Counters>,
     counted: ReadBack<Counters>,
+    /// Of the integration before the newest, while that is under way.
     newest: Counters,
+    /// Blocks that found no room in that one.
+    refused: usize,
     pub(super) kernels: Kernels,
 }
 
@@ -69,40 +62,34 @@ pub(super) struct Kernels {
 impl GpuVolume {
     /// An empty volume. `lattice` must have been made of `params`.
     pub fn new(gpu: &Gpu, params: &VolumeParams, lattice: Lattice) -> Result<Self, GpuError> {
-        let bytes = gpu.limits().max_storage_buffer_binding_size as usize;
-        let most = MOST_SLOTS.min(bytes / (VOXELS * size_of::<u32>())).max(2);
-        Self::with_blocks(gpu, params, lattice, lattice.blocks().min(most - 1))
+        Self::with_blocks(gpu, params, lattice, lattice.blocks().min(most_blocks(gpu)))
     }
 
-    /// With storage for this many blocks.
+    /// With storage for this many blocks at most.
     pub(super) fn with_blocks(
         gpu: &Gpu,
         params: &VolumeParams,
         lattice: Lattice,
         most: usize,
     ) -> Result<Self, GpuError> {
-        let (blocks, capacity) = (lattice.blocks(), most + 1);
-        let colors = || GpuBuffer::new(gpu, "voxel colours", capacity * VOXELS);
+        let blocks = lattice.blocks();
         let groups = GpuBuffer::with_usage(gpu, "groups", 3, BufferUsages::INDIRECT)?;
         groups.upload(gpu, &[0, 1, 1]);
         Ok(Self {
             params: params.clone(),
             lattice,
             revision: 0,
-            capacity,
             table: GpuBuffer::new(gpu, "block table", blocks)?,
             crossings: GpuBuffer::new(gpu, "crossings", blocks)?,
-            voxels: GpuBuffer::new(gpu, "voxels", capacity * VOXELS)?,
-            colors: params.color.then(colors).transpose()?,
+            pool: Pool::new(gpu, &lattice, most, params.color)?,
             lowest: GpuBuffer::new(gpu, "lowest distances", blocks)?,
             sides: GpuBuffer::new(gpu, "sides of bricks", blocks)?,
             marks: GpuBuffer::new(gpu, "marked blocks", blocks.div_ceil(32))?,
-            free: GpuBuffer::new(gpu, "free slots", capacity)?,
-            work: GpuBuffer::new(gpu, "blocks to integrate", capacity)?,
             groups,
             counters: GpuBuffer::new(gpu, "volume counters", 1)?,
             counted: ReadBack::new(gpu, "volume counters", 1)?,
             newest: Counters::default(),
+            refused: 0,
             kernels: Kernels {
                 mark: shaders::mark(),
                 allocate: shaders::allocate(),
@@ -124,6 +111,7 @@ impl GpuVolume {
         commands.clear(&self.lowest);
         commands.clear(&self.sides);
         commands.clear(&self.counters);
+        (self.newest, self.refused) = (Counters::default(), 0);
         self.revision += 1;
     }
 
@@ -147,7 +135,7 @@ impl GpuVolume {
 
     /// Words of voxels by slot.
     pub fn voxels(&self) -> &GpuBuffer<u32> {
-        &self.voxels
+        &self.pool.voxels
     }
 
     /// A bit for each of a block's bricks of 2x2x2 voxels that may hold surface, in the table's order.
@@ -162,19 +150,27 @@ impl GpuVolume {
     /// [`FusionError::Full`] where blocks were refused storage.
     pub fn allocated_blocks(&mut self, gpu: &Gpu) -> Result<usize, FusionError> {
         self.take_counters(gpu)?;
-        Ok((self.newest.used - self.newest.free) as usize)
+        Ok(self.blocks_in_use())
+    }
+
+    fn blocks_in_use(&self) -> usize {
+        (self.newest.used - self.newest.free) as usize
+    }
+
+    /// In use or refused, as the counters say that were taken last.
+    pub(super) fn known_blocks(&self) -> usize {
+        self.blocks_in_use() + self.refused
     }
 
     /// Bytes on the device.
     pub fn memory_bytes(&self) -> usize {
         let words = self.table.len() * (1 + 2 + 1 + 4) + self.marks.len();
-        let colors = self.colors.as_ref().map_or(0, GpuBuffer::len);
-        let pool = self.voxels.len() + colors + self.free.len() + self.work.len();
-        size_of::<u32>() * (words + pool + self.groups.len()) + size_of::<Counters>()
+        let fixed = size_of::<u32>() * (words + self.groups.len()) + size_of::<Counters>();
+        fixed + self.pool.bytes()
     }
 
     pub(super) fn grid_uniform(&self) -> GridUniform {
-        GridUniform { grid: self.lattice.grid as u32, capacity: self.capacity as u32 }
+        GridUniform { grid: self.lattice.grid as u32, capacity: self.pool.slots() as u32 }
     }
 
     fn voxels_a_side(&self) -> usize {
@@ -202,14 +198,20 @@ impl GpuVolume {
         self.counted.request(commands, &self.counters, 1);
     }
 
-    /// Takes the counters that were requested, if any.
+    /// Takes the counters that were requested, if any. A picture may have brought more blocks than there was
+    /// room for: these find it in the next one, unless the pool can't grow.
     pub(super) fn take_counters(&mut self, gpu: &Gpu) -> Result<(), FusionError> {
         if let Some(&[counters]) = self.counted.take(gpu)?.as_deref() {
+            self.refused = (counters.refused - self.newest.refused) as usize;
+            if self.refused > 0 && self.newest.refused == 0 {
+                let (blocks, slots) = (self.refused, self.pool.slots() - 1);
+                log::warn!("{blocks} blocks found no room beside {slots} in the volume");
+            }
             self.newest = counters;
         }
-        match self.newest.refused {
-            0 => Ok(()),
-            _ => Err(FusionError::Full { blocks: self.capacity - 1 }),
+        if self.refused > 0 && self.pool.is_at_its_limit() {
+            return Err(FusionError::Full { blocks: self.pool.most(), refused: self.refused });
         }
+        Ok(())
     }
 }

@@ -38,7 +38,7 @@ impl CellMeans {
     /// Submits `commands`, and waits. The frame has pixels.
     pub fn thumbnail(
         &mut self,
-        mut commands: Commands<'_>,
+        commands: &mut Commands<'_>,
         frame: &FramePictures,
     ) -> Result<Thumbnail, GpuError> {
         let size = [frame.size.width as u32, frame.size.height as u32];
@@ -49,10 +49,9 @@ impl CellMeans {
             .read(&frame.depth_m)?
             .write(&self.means)?
             .over_count(CELLS)?;
-        self.read_back.request(&mut commands, &self.means, 2 * CELLS);
-        let gpu = commands.gpu();
-        commands.submit()?;
-        let mut means = self.read_back.take(gpu)?.unwrap_or_default();
+        self.read_back.request(commands, &self.means, 2 * CELLS);
+        commands.flush()?;
+        let mut means = self.read_back.take(commands.gpu())?.unwrap_or_default();
         let depth_m = means.split_off(CELLS);
         Ok(Thumbnail::from_cells(&means, depth_m))
     }
@@ -84,7 +83,7 @@ mod tests {
                 }
             }
             let cpu = Thumbnail::new(&frame);
-            let gpu = cells.thumbnail(gpu.commands(), &upload_frame(gpu, &frame)).unwrap();
+            let gpu = cells.thumbnail(&mut gpu.commands(), &upload_frame(gpu, &frame)).unwrap();
             // two roundings of depths below 4 m
             let depth = Difference::of(&cpu.depth_m, &gpu.depth_m, 5e-7);
             // the same of intensities below 256 steps, in units of their standard deviation of about 20

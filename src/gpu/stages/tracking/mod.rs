@@ -10,7 +10,7 @@ mod test_scene;
 mod tests;
 mod tracker;
 
-pub use tracker::{GpuTracker, RenderModel};
+pub use tracker::{GpuTracker, RenderModel, TrackedFrame};
 
 use crate::gpu::uniform;
 use crate::math::Pinhole;

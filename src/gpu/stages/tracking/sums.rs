@@ -79,11 +79,11 @@ impl AlignmentSums {
         })
     }
 
-    /// Sums over all pixels of `level`, moved by `model_from_camera`; submits `commands`, and waits. `model_camera` is the
-    /// perspective projection of `model`; both pictures have pixels.
+    /// Sums over all pixels of `level`, moved by `model_from_camera`; submits `commands`, and waits.
+    /// `model_camera` is the perspective projection of `model`; both pictures have pixels.
     pub fn evaluate(
         &mut self,
-        mut commands: Commands<'_>,
+        commands: &mut Commands<'_>,
         level: &Level,
         model: &GpuGBuffer,
         model_camera: &Pinhole,
@@ -116,10 +116,9 @@ impl AlignmentSums {
             .read(&self.partials)?
             .write(&self.totals)?
             .workgroups([1; 3])?;
-        self.read_back.request(&mut commands, &self.totals, TERMS);
-        let gpu = commands.gpu();
-        commands.submit()?;
-        let totals = self.read_back.take(gpu)?.unwrap_or_default();
+        self.read_back.request(commands, &self.totals, TERMS);
+        commands.flush()?;
+        let totals = self.read_back.take(commands.gpu())?.unwrap_or_default();
         let mut terms = [0.0; TERMS];
         terms.copy_from_slice(&totals);
         Ok(Sums::from_terms(terms))
@@ -168,7 +167,7 @@ mod tests {
             .map(|(cpu, level)| {
                 let expected = reduction.accumulate(cpu, &model_view, model_from_camera, &gates);
                 let evaluated = sums.evaluate(
-                    gpu.commands(),
+                    &mut gpu.commands(),
                     level,
                     &on_device,
                     &model_camera,

@@ -11,7 +11,9 @@ use crate::math::{Pose, View};
 use crate::parity::pose_difference;
 use crate::parity::tolerances::{TRACKING_POSITION, TRACKING_ROTATION};
 use crate::scene::analytic::{AnalyticScene, Shape};
-use crate::tracking::{FrameTag, Tracker, Tracking, TrackingIssue, TrackingParams, TrackingState};
+use crate::tracking::{
+    DEPTH_RANGE_M, FrameTag, Tracker, Tracking, TrackingIssue, TrackingParams, TrackingState,
+};
 
 /// The two trackers, and a map that is exact.
 struct Both<'g> {
@@ -55,8 +57,12 @@ impl<'g> Both<'g> {
             Ok(())
         };
         let tag = FrameTag { index: frame.index, recorded_pose: frame.world_from_camera };
-        let pictures = upload_frame(gpu, frame);
-        let got = device.track(gpu, tag, &pictures, on_device.as_ref(), &mut draw).unwrap();
+        let pictures = &upload_frame(gpu, frame);
+        let usable = frame.depth_m.as_slice().iter().filter(|d| DEPTH_RANGE_M.contains(d)).count();
+        let depth_share = usable as f32 / frame.depth_m.size().pixels() as f32;
+        let newest = TrackedFrame { tag, pictures, depth_share };
+        let mut commands = gpu.commands();
+        let got = device.track(&mut commands, newest, on_device.as_ref(), &mut draw).unwrap();
         (expected, got)
     }
 }

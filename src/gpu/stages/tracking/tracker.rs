@@ -4,7 +4,7 @@ use super::cells::CellMeans;
 use super::pyramid::FramePyramid;
 use super::sums::AlignmentSums;
 use crate::gpu::stages::FramePictures;
-use crate::gpu::{Commands, Gpu, GpuError, GpuGBuffer, ReadBack};
+use crate::gpu::{Commands, Gpu, GpuError, GpuGBuffer};
 use crate::image::Size;
 use crate::math::{Pinhole, Pose, View};
 use crate::timing::Stage;
@@ -16,19 +16,25 @@ use crate::tracking::{
 pub type RenderModel<'a> =
     dyn FnMut(&mut Commands<'_>, &View, &mut GpuGBuffer) -> Result<(), GpuError> + 'a;
 
+/// The newest frame.
+#[derive(Clone, Copy)]
+pub struct TrackedFrame<'a> {
+    pub tag: FrameTag,
+    pub pictures: &'a FramePictures,
+    /// Share of its pixels with depth that the tracker can use, which the host knows before the device.
+    pub depth_share: f32,
+}
+
 /// Follows the camera as [`crate::tracking::Tracker`] does, by the same states.
 ///
-/// Every iteration waits for its sums, so the device is idle when a frame has been tracked, and the time
-/// that [`Self::track`] takes on the host is all it takes.
+/// Every iteration waits for its sums, and nothing else is waited for.
 pub struct GpuTracker {
     follower: Follower,
     pyramid: FramePyramid,
     sums: AlignmentSums,
     cells: CellMeans,
-    valid: ReadBack<u32>,
     /// Ray-cast where the caller's picture does not serve.
     rendered: Option<GpuGBuffer>,
-    camera: Pinhole,
 }
 
 impl GpuTracker {
@@ -39,9 +45,7 @@ impl GpuTracker {
             pyramid: FramePyramid::new(gpu, params, camera)?,
             sums: AlignmentSums::new(gpu, camera.size().pixels())?,
             cells: CellMeans::new(gpu)?,
-            valid: ReadBack::new(gpu, "pixels with depth", 1)?,
             rendered: None,
-            camera,
         })
     }
 
@@ -50,72 +54,48 @@ impl GpuTracker {
         self.follower.reset(world_from_camera);
     }
 
-    /// The pose of this frame; what makes `frame` and `model` has been submitted.
+    /// The pose of this frame; `commands` may hold what makes it and `model`, and are submitted with the
+    /// first iteration, if there is one.
     ///
     /// `model` is the map's picture at the pose of the frame before, `None` before anything was fused.
     /// `render` is called when the camera is lost, or when `model` shows another place than the guess.
     pub fn track(
         &mut self,
-        gpu: &Gpu,
-        tag: FrameTag,
-        frame: &FramePictures,
+        commands: &mut Commands<'_>,
+        frame: TrackedFrame<'_>,
         model: Option<&GpuGBuffer>,
         render: &mut RenderModel<'_>,
     ) -> Result<Tracking, GpuError> {
-        let Self { follower, pyramid, sums, cells, valid, rendered, camera } = self;
+        let Self { follower, pyramid, sums, cells, rendered, .. } = self;
         let model = ModelPicture::given(model);
-        let pictures = &mut DevicePictures {
-            gpu,
-            frame,
-            camera: *camera,
-            model,
-            pyramid,
-            sums,
-            cells,
-            valid,
-            rendered,
-            render,
-        };
-        follower.follow(tag, pictures)
+        commands.stage(Stage::Reconstruct);
+        let pictures =
+            &mut DevicePictures { commands, frame, model, pyramid, sums, cells, rendered, render };
+        follower.follow(frame.tag, pictures)
     }
 }
 
-struct DevicePictures<'a, 'r> {
-    gpu: &'a Gpu,
-    frame: &'a FramePictures,
-    camera: Pinhole,
+struct DevicePictures<'a, 'g, 'r> {
+    commands: &'a mut Commands<'g>,
+    frame: TrackedFrame<'a>,
     model: ModelPicture<'a, GpuGBuffer>,
     pyramid: &'a FramePyramid,
     sums: &'a mut AlignmentSums,
     cells: &'a mut CellMeans,
-    valid: &'a mut ReadBack<u32>,
     rendered: &'a mut Option<GpuGBuffer>,
     render: &'a mut RenderModel<'r>,
 }
 
-impl<'a> DevicePictures<'a, '_> {
-    fn commands(&self) -> Commands<'a> {
-        let mut commands = self.gpu.commands();
-        commands.stage(Stage::Reconstruct);
-        commands
-    }
-}
-
-impl PicturePair for DevicePictures<'_, '_> {
+impl PicturePair for DevicePictures<'_, '_, '_> {
     type Error = GpuError;
 
     fn frame_size(&self) -> Size {
-        self.frame.size
+        self.frame.pictures.size
     }
 
     fn prepare(&mut self) -> Result<f32, GpuError> {
-        let mut commands = self.commands();
-        self.pyramid.record(&mut commands, self.frame)?;
-        self.valid.request(&mut commands, &self.pyramid.valid, 1);
-        commands.submit()?;
-        let valid = self.valid.take(self.gpu)?.unwrap_or_default();
-        let valid = valid.first().copied().unwrap_or(0);
-        Ok(valid as f32 / self.camera.size().pixels().max(1) as f32)
+        self.pyramid.record(self.commands, self.frame.pictures)?;
+        Ok(self.frame.depth_share)
     }
 
     fn levels(&self) -> usize {
@@ -123,8 +103,7 @@ impl PicturePair for DevicePictures<'_, '_> {
     }
 
     fn thumbnail(&mut self) -> Result<Thumbnail, GpuError> {
-        let commands = self.commands();
-        self.cells.thumbnail(commands, self.frame)
+        self.cells.thumbnail(self.commands, self.frame.pictures)
     }
 
     fn model_view(&self) -> Option<View> {
@@ -132,16 +111,15 @@ impl PicturePair for DevicePictures<'_, '_> {
     }
 
     fn render_model(&mut self, view: &View) -> Result<(), GpuError> {
-        let mut commands = self.commands();
         if self.rendered.is_none() {
-            *self.rendered = Some(GpuGBuffer::empty(self.gpu, *view)?);
+            *self.rendered = Some(GpuGBuffer::empty(self.commands.gpu(), *view)?);
         }
         if let Some(picture) = self.rendered {
             picture.view = *view;
-            (self.render)(&mut commands, view, picture)?;
+            (self.render)(self.commands, view, picture)?;
         }
         self.model = ModelPicture::Rendered;
-        commands.submit()
+        Ok(())
     }
 
     fn sums(
@@ -153,7 +131,6 @@ impl PicturePair for DevicePictures<'_, '_> {
     ) -> Result<Sums, GpuError> {
         let picture = self.model.of(self.rendered).expect("a picture of the map");
         let level = &self.pyramid.levels[level];
-        let commands = self.commands();
-        self.sums.evaluate(commands, level, picture, &model_camera, model_from_camera, gates)
+        self.sums.evaluate(self.commands, level, picture, &model_camera, model_from_camera, gates)
     }
 }

@@ -1,5 +1,6 @@
 //! Points on every n-th pixel, and what hides them.
 
+use super::list::PointList;
 use super::objects::GpuSceneRays;
 use super::uniforms::TracedUniform;
 use super::with_bands;
@@ -32,9 +33,8 @@ impl Found {
 pub struct Level {
     pub step: usize,
     pub grid: Size,
-    /// Of 32 directions.
-    words: usize,
     bands: usize,
+    list: PointList,
     pub real: Found,
     pub merged: Found,
 }
@@ -79,8 +79,8 @@ impl Level {
         Ok(Self {
             step,
             grid,
-            words,
             bands: params.bands,
+            list: PointList::new(gpu, params.bands, grid, words)?,
             real: Found::new(gpu, grid.pixels(), words)?,
             merged: Found::new(gpu, grid.pixels(), words)?,
         })
@@ -141,6 +141,7 @@ impl Level {
             .over(self.grid)?;
         commands.copy(&self.real.hits, &self.merged.hits, self.real.hits.len());
         self.trace_volume(commands, uniform, room, merged, &self.merged)?;
+        self.list.fill(commands, &uniform.of(self), &self.merged.how, true)?;
         commands
             .pass(&objects_shader(self.bands))?
             .uniform(&uniform.of(self))?
@@ -149,9 +150,9 @@ impl Level {
             .read(&objects.instances)?
             .read(&objects.nodes)?
             .read(&objects.triangles)?
-            .read(&self.merged.how)?
+            .read(&self.list.points)?
             .write(&self.merged.hits)?
-            .over_3d(self.rays())?;
+            .workgroups_from(&self.list.groups)?;
         self.project(commands, uniform, room, merged, &self.merged, out)
     }
 
@@ -163,6 +164,7 @@ impl Level {
         main: &GpuGBuffer,
         found: &Found,
     ) -> Result<(), GpuError> {
+        self.list.fill(commands, &uniform.of(self), &found.how, false)?;
         commands
             .pass(&volume_shader(self.bands))?
             .uniform(&uniform.of(self))?
@@ -172,9 +174,9 @@ impl Level {
             .read(volume.crossings())?
             .read(volume.voxels())?
             .read(space.distances())?
-            .read(&found.how)?
+            .read(&self.list.points)?
             .write(&found.hits)?
-            .over_3d(self.rays())
+            .workgroups_from(&self.list.groups)
     }
 
     fn project(
@@ -195,10 +197,5 @@ impl Level {
             .read(&found.hits)?
             .write(out)?
             .over(self.grid)
-    }
-
-    /// Invocations: 32 rays each.
-    fn rays(&self) -> [usize; 3] {
-        [self.grid.width, self.grid.height, self.words]
     }
 }

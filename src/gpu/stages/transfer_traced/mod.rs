@@ -1,9 +1,9 @@
 //! The RadTransfer stage by rays through the volume, as [`crate::transfer::RayTracedTransfer`].
 //!
 //! ```text
-//! plan -> volume -> project                          every point of the grid
-//! cells -> refine -> volume -> project, interpolate  every pixel, with refinement
-//! again -> volume -> objects -> project              with virtual objects, from what the above found
+//! plan -> list -> volume -> project                          every point of the grid
+//! cells -> refine -> list -> volume -> project, interpolate  every pixel, with refinement
+//! again -> list -> volume -> list -> objects -> project      with virtual objects, from what the above found
 //! ```
 //!
 //! One invocation sends up to 32 rays from one point, where the CPU sends one ray from each of sixteen.
@@ -12,6 +12,7 @@
 //! CPU leaves those whose corners have not changed: the results are the same.
 
 mod level;
+mod list;
 mod objects;
 mod refined;
 #[cfg(test)]
@@ -48,7 +49,10 @@ pub(super) fn shaders() -> Vec<Shader> {
         refined::refine_shader,
         refined::interpolate_shader,
     ];
-    (1..=crate::math::sh::MAX_BANDS).flat_map(|bands| makers.map(|shader| shader(bands))).collect()
+    let lists = [false, true].map(|known_too| list::list_shader(4, known_too));
+    let of_bands =
+        (1..=crate::math::sh::MAX_BANDS).flat_map(|bands| makers.map(|shader| shader(bands)));
+    of_bands.chain(lists).collect()
 }
 
 /// The stage, with what it keeps from frame to frame.

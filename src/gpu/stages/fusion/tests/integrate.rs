@@ -4,20 +4,20 @@ use crate::parity::tolerances::FUSION_DISTANCE;
 
 /// How two volumes differ.
 #[derive(Debug, Default)]
-struct VoxelDifferences {
+pub(super) struct VoxelDifferences {
     voxels: usize,
     /// Blocks that just one of them has.
-    blocks: usize,
+    pub blocks: usize,
     /// Voxels whose weights or colours differ, and those whose distances differ by more than one step.
-    weights: usize,
-    colors: usize,
-    distances: usize,
+    pub weights: usize,
+    pub colors: usize,
+    pub distances: usize,
     /// Voxels whose distances differ by one step.
     rounded: usize,
 }
 
 impl VoxelDifferences {
-    fn of(cpu: &TsdfVolume, gpu: &TsdfVolume) -> Self {
+    pub fn of(cpu: &TsdfVolume, gpu: &TsdfVolume) -> Self {
         let (cpu, gpu) = (cpu.stored_blocks(), gpu.stored_blocks());
         let mut found = Self::default();
         let mut other = gpu.iter().peekable();
@@ -47,7 +47,7 @@ impl VoxelDifferences {
 
 impl Pair<'_> {
     /// Blocks, voxels and colours are those of the CPU; crossings are those of these voxels.
-    fn assert_equal(&mut self, case: &str) {
+    pub fn assert_equal(&mut self, case: &str) {
         let volume = self.on_device.download(self.gpu).unwrap();
         let found = VoxelDifferences::of(&self.cpu, &volume);
         let case = format!("{case}: {} blocks, {found:?}", self.cpu.allocated_blocks());
@@ -130,7 +130,7 @@ fn a_full_pool_is_an_error() {
     };
     integrate(&mut volume).unwrap();
     let error = integrate(&mut volume).unwrap_err();
-    assert!(matches!(error, FusionError::Full { blocks: 10 }), "{error}");
+    assert!(matches!(error, FusionError::Full { blocks: 10, refused: 1.. }), "{error}");
     assert!(volume.allocated_blocks(gpu).is_err());
     // what there is room for is there
     assert_eq!(volume.download(gpu).unwrap().allocated_blocks(), 10);
@@ -140,7 +140,8 @@ fn a_full_pool_is_an_error() {
 fn the_finest_volume_fits_what_a_shader_may_bind() {
     let Some(gpu) = gpu() else { return };
     let mut pair = Pair::new(gpu, &VolumeParams { color: false, ..volume_params(512) });
-    assert_eq!(pair.on_device.voxels().len() * 4, 128 << 20);
+    assert_eq!((pair.on_device.pool.most() + 1) * 512 * 4, 128 << 20);
+    assert!(pair.on_device.voxels().len() * 4 <= 64 << 20, "taken before it is needed");
     let view = View::perspective(camera(5, 3), arc(1).next().unwrap());
     pair.integrate(&colored(render(&AnalyticScene::corner(), &view)), &view);
     pair.assert_equal("512");

@@ -1,4 +1,5 @@
 mod integrate;
+mod pool;
 mod raycast;
 mod surface;
 mod timing;
