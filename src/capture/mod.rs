@@ -12,6 +12,7 @@ mod decode;
 mod input;
 mod inspect;
 pub mod layout;
+pub mod live;
 mod plausibility;
 mod rectify;
 mod registration;
