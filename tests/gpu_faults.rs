@@ -314,8 +314,8 @@ fn a_picture_that_is_too_large_is_an_error_or_is_left_to_the_cpu() {
 fn a_volume_that_is_too_large_is_an_error_or_is_left_to_the_cpu() {
     let Some(name) = device() else { return };
     let made = Made::of(&small_demo(2));
-    let args = ["--gpu-memory", "25", "--set", "volume.resolution=256"];
-    let words = ["out of GPU memory: voxels needs", "of 25.0 MiB are taken"];
+    let args = ["--gpu-memory", "16", "--set", "volume.resolution=256"];
+    let words = ["out of GPU memory: voxels needs", "of 16.0 MiB are taken"];
     made.replay("gpu", &[&args[..], &["--backend", "gpu"]].concat()).failed_with(1, &words);
     let auto = made.replay("auto", &[&args[..], &["--adapter", name]].concat());
     let says = [&words[..], &["frame 0: ", "going on with the CPU backend"]].concat();

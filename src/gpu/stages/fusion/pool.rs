@@ -32,12 +32,12 @@ pub(super) fn most_blocks(gpu: &Gpu) -> usize {
 }
 
 impl Pool {
-    /// For up to `most` blocks, with room for a picture of a surface.
+    /// For up to `most` blocks, with room for a few until the first picture.
     pub fn new(gpu: &Gpu, lattice: &Lattice, most: usize, color: bool) -> Result<Self, GpuError> {
         // a surface right across the volume and aslant, with the band around it
         let layers = 3 + (2.0 * lattice.truncation_voxels() / SIDE as f32).ceil() as usize;
         let reserve = layers * lattice.grid * lattice.grid;
-        Self::with_slots(gpu, most, reserve, color, most.min(reserve) + 1)
+        Self::with_slots(gpu, most, reserve, color, (most + 1).min(STEP))
     }
 
     pub fn with_slots(

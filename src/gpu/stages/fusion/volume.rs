@@ -201,16 +201,17 @@ impl GpuVolume {
     /// Takes the counters that were requested, if any. A picture may have brought more blocks than there was
     /// room for: these find it in the next one, unless the pool can't grow.
     pub(super) fn take_counters(&mut self, gpu: &Gpu) -> Result<(), FusionError> {
+        let before = self.newest.refused;
         if let Some(&[counters]) = self.counted.take(gpu)?.as_deref() {
-            self.refused = (counters.refused - self.newest.refused) as usize;
-            if self.refused > 0 && self.newest.refused == 0 {
-                let (blocks, slots) = (self.refused, self.pool.slots() - 1);
-                log::warn!("{blocks} blocks found no room beside {slots} in the volume");
-            }
+            self.refused = (counters.refused - before) as usize;
             self.newest = counters;
         }
         if self.refused > 0 && self.pool.is_at_its_limit() {
             return Err(FusionError::Full { blocks: self.pool.most(), refused: self.refused });
+        }
+        if self.refused > 0 && before == 0 {
+            let (blocks, room) = (self.refused, self.pool.slots() - 1);
+            log::warn!("{blocks} blocks of the volume found no room beside {room}: it grows now");
         }
         Ok(())
     }
