@@ -230,7 +230,7 @@ fn run_with(
     run.add([cpu.0, cpu.0], [cpu.1, cpu.1]);
     run.add([cpu.0, &other], [cpu.1, &picture]);
     let summaries = run.summaries(true);
-    assert_eq!(summaries.len(), 5);
+    assert_eq!(summaries.len(), 6);
     summaries.iter().filter(|summary| !summary.within).map(|summary| summary.quantity).collect()
 }
 
@@ -257,10 +257,18 @@ fn one_bad_frame_of_a_run_is_found() {
         outcome.light.light.coefficients.fill([0.0; 3]);
     });
     assert_eq!(dark, ["light direction"]);
-    let painted = run_with(made, |_, picture| {
-        picture.as_mut_slice().iter_mut().take(20).for_each(|rgb| rgb[0] ^= 4);
-    });
-    assert_eq!(painted, ["values beyond 1/255"]);
+    // in one of two frames
+    let painted = |share_of_values: f64| {
+        run_with(made, |_, picture| {
+            let values = 3.0 * picture.as_slice().len() as f64;
+            let pixels =
+                picture.as_mut_slice().iter_mut().take((share_of_values * values) as usize);
+            pixels.for_each(|rgb| rgb[0] ^= 4);
+        })
+    };
+    assert!(painted(0.001).is_empty());
+    assert_eq!(painted(0.003), ["values beyond 1/255"]);
+    assert_eq!(painted(0.005), ["values beyond 1/255", "... in one frame"]);
     let lost = run_with(made, |outcome, _| {
         outcome.tracking.state = crate::tracking::TrackingState::Lost;
     });

@@ -21,9 +21,10 @@ pub(super) const TURNS: usize = 8;
 /// Part of the samples must speak for another place by this much before all are asked.
 const CLEARLY_BETTER: f64 = 1.01;
 
-/// A known lamp is held where it was by this share of the gain per square radian: places and distances that
-/// explain the same lie in a long valley, along which noise alone would carry it.
-const PULL: f64 = 0.6;
+/// A known lamp is held where it was by this share of the gain per square radian and remembered frame: places and
+/// distances that explain the same lie in a long valley, along which noise alone would carry it. Among 0 to 8 for all
+/// frames together, this kept the error of the first frames and halved the unrest of later ones.
+const PULL_OF_A_FRAME: f64 = 0.5;
 
 pub(super) struct Search<'a> {
     pub design: &'a Design<'a>,
@@ -41,7 +42,13 @@ impl Search<'_> {
     /// The best place near the last one, unless another is clearly better.
     pub fn follow(&self, last: Candidate, known: &LastLamp) -> (f64, Candidate) {
         let last = if self.near { last } else { Candidate { nearness_per_m: 0.0, ..last } };
-        let here = if known.held { self.drift(last, PULL) } else { self.climb(last) };
+        let here = match known.held {
+            true => {
+                let frames = self.design.bank.batches().count();
+                self.drift(last, PULL_OF_A_FRAME * frames as f64)
+            }
+            false => self.climb(last),
+        };
         let part = self.gains(&[here.1], self.part())[0];
         match self.coarse(known.turn % TURNS, TURNS) {
             Some((gain, other)) if gain > CLEARLY_BETTER * part => {

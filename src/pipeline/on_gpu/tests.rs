@@ -197,7 +197,10 @@ fn other_settings_and_objects_are_taken_in_mid_run() {
         both.process(&first);
         let plain = both.gpu.composed().as_slice() == first.color.as_slice();
         assert_eq!(plain, moved > 0.0);
-        assert!(both.pictures().0 < 1e-3);
+        let (above, largest) = both.pictures();
+        // A rim is seen past on one side alone by few points of the grid; each shades 8 x 8 pixels.
+        let three_points = 3.0 * 64.0 / (160.0 * 120.0);
+        assert!(above < three_points, "moved by {moved}: {above}, largest {largest}");
     }
     let fixed = both.gpu.reconfigure(settings(&[("volume.resolution", "128")]));
     assert!(matches!(fixed, Err(PipelineError::Fixed { section: "volume" })));
