@@ -16,6 +16,8 @@ command -v cc >/dev/null || install build-essential
 # any Vulkan driver will do; Mesa's computes in software
 ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json >/dev/null 2>&1 ||
   install libvulkan1 mesa-vulkan-drivers
+# what depth sensors and their recordings are read through; loaded when it is needed
+ls /usr/lib/*/libOpenNI2.so.0 >/dev/null 2>&1 || install libopenni2-0
 if ! command -v cargo >/dev/null; then
   echo "test.sh: Rust 1.95 or newer is needed; see https://rustup.rs" >&2
   exit 1
@@ -24,12 +26,12 @@ fi
 echo "== format"
 cargo fmt --all --check
 echo "== lints"
-cargo clippy --locked --all-targets --all-features -- -D warnings
+cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
 cargo clippy --locked --all-targets --no-default-features -- -D warnings
 echo "== documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --all-features
 echo "== tests, with the GPU backend"
-# a machine without a Vulkan device fails here instead of skipping
-KINLIGHT_REQUIRE_GPU=1 cargo test --locked --all-features "$@"
+# a machine without a Vulkan device or without OpenNI2 fails here instead of skipping
+KINLIGHT_REQUIRE_GPU=1 KINLIGHT_REQUIRE_OPENNI=1 cargo test --locked --all-features "$@"
 echo "== tests, without it"
 cargo test --locked --no-default-features --lib --bins "$@"

@@ -13,6 +13,7 @@ mod input;
 mod inspect;
 pub mod layout;
 pub mod live;
+pub mod openni;
 mod plausibility;
 mod rectify;
 mod registration;

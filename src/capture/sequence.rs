@@ -2,6 +2,7 @@
 
 use super::calibration::{self, Calibration, KINECT_V1, PoseOwner};
 use super::layout::{self, Entry, Layout};
+use super::openni::{OniOptions, OniSource};
 use super::rig::Rig;
 use super::{CaptureError, FrameSource, RawFrame, decode};
 use crate::image::Size;
@@ -128,10 +129,17 @@ pub struct Sequence {
     first: usize,
     end: usize,
     next: usize,
-    rig: Rig,
+    pictures: Pictures,
     info: SequenceInfo,
     skipped: Vec<SkippedFrame>,
     delivered: usize,
+}
+
+/// Where pictures are read from.
+#[derive(Debug)]
+enum Pictures {
+    Files(Box<Rig>),
+    Oni(Box<OniSource>),
 }
 
 /// Recognises and opens a recording. Errors concern the recording as a whole; single broken frames are
@@ -144,14 +152,13 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
             "max_time_difference_s = {tolerance} must be positive"
         )));
     }
+    if layout == Layout::Oni {
+        return open_oni(path, options);
+    }
     let listing = layout::list(layout, path, options)?;
     let mut warnings = listing.warnings;
     let entries = listing.entries;
-    let end = options.end_frame.unwrap_or(entries.len()).min(entries.len());
-    if options.first_frame >= end {
-        let (first, pairs) = (options.first_frame, entries.len());
-        return Err(CaptureError::Sequence(format!("frames {first}..{end} of {pairs} are none")));
-    }
+    let end = end_of(entries.len(), options)?;
     let (color_size, depth_size) = picture_sizes(&entries[options.first_frame..end])?;
     let (calibration, camera_from) =
         find_calibration(path, layout, color_size, options, &mut warnings)?;
@@ -195,7 +202,84 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
         warnings,
     };
     let first = options.first_frame;
-    Ok(Sequence { entries, first, end, next: first, rig, info, skipped: Vec::new(), delivered: 0 })
+    let pictures = Pictures::Files(Box::new(rig));
+    Ok(Sequence {
+        entries,
+        first,
+        end,
+        next: first,
+        pictures,
+        info,
+        skipped: Vec::new(),
+        delivered: 0,
+    })
+}
+
+/// The pair after the last that is asked for.
+fn end_of(pairs: usize, options: &CaptureOptions) -> Result<usize, CaptureError> {
+    let (first, end) = (options.first_frame, options.end_frame.unwrap_or(pairs).min(pairs));
+    if first >= end {
+        return Err(CaptureError::Sequence(format!("frames {first}..{end} of {pairs} are none")));
+    }
+    Ok(end)
+}
+
+/// What a recording's file says of itself: its frames' times are known only when they are read, so pairs are
+/// what there is at most, and the duration is nominal.
+fn open_oni(path: &Path, options: &CaptureOptions) -> Result<Sequence, CaptureError> {
+    let (calibration, depth_factor) = (options.calibration.clone(), options.depth_factor);
+    if let Some(factor) = depth_factor.filter(|&f| !(f > 0.0 && f.is_finite())) {
+        return Err(CaptureError::Sequence(format!("depth factor {factor} must be positive")));
+    }
+    let source = OniSource::open(path, &OniOptions { calibration, depth_factor })?;
+    let oni = source.info();
+    let [depths, colors] = oni.counts;
+    let pairs = depths.min(colors);
+    let (first, end) = (options.first_frame, end_of(pairs, options)?);
+    let entry = |i: usize| Entry {
+        name: format!("pair {i}"),
+        color: path.to_owned(),
+        depth: path.to_owned(),
+        timestamp_s: i as f64 / oni.rate_hz,
+        difference_s: 0.0,
+        pose: None,
+    };
+    let entries: Vec<_> = (0..pairs).map(entry).collect();
+    let [depth_size, color_size] = oni.sizes.map(|s| [s.width, s.height]);
+    let from = if depth_factor.is_some() { "given" } else { "as recorded" };
+    let info = SequenceInfo {
+        folder: path.to_owned(),
+        layout: Layout::Oni,
+        color_pictures: colors,
+        depth_pictures: depths,
+        pairs,
+        color_orphans: Vec::new(),
+        depth_orphans: Vec::new(),
+        time_differences: None,
+        duration_s: entries[pairs - 1].timestamp_s,
+        color_size,
+        depth_size,
+        depth_factor: oni.depth_factor,
+        depth_factor_from: from.into(),
+        camera: oni.camera,
+        camera_from: oni.camera_from.clone(),
+        registered: oni.registered,
+        undistorted: oni.undistorted,
+        poses_from: None,
+        frames_with_pose: 0,
+        warnings: oni.notes.clone(),
+    };
+    let pictures = Pictures::Oni(Box::new(source));
+    Ok(Sequence {
+        entries,
+        first,
+        end,
+        next: first,
+        pictures,
+        info,
+        skipped: Vec::new(),
+        delivered: 0,
+    })
 }
 
 /// Sizes of the first colour and the first depth picture whose headers can be read.
@@ -292,8 +376,11 @@ impl Sequence {
             frame: index,
             problem: format!("the sequence has {} frames", self.info.pairs),
         })?;
-        let (color, depth_m) = self
-            .rig
+        let rig = match &mut self.pictures {
+            Pictures::Files(rig) => rig,
+            Pictures::Oni(source) => return source.frame(index),
+        };
+        let (color, depth_m) = rig
             .frame(
                 || decode::color(&entry.color).map_err(Problem::from),
                 || decode::depth(&entry.depth).map_err(Problem::from),
@@ -304,7 +391,7 @@ impl Sequence {
             timestamp_s: entry.timestamp_s,
             color,
             depth_m,
-            world_from_camera: entry.pose.map(|p| self.rig.world_from_camera(&p)),
+            world_from_camera: entry.pose.map(|p| rig.world_from_camera(&p)),
             exposure_s: None,
         })
     }
@@ -327,7 +414,7 @@ impl From<CaptureError> for Problem {
 
 impl FrameSource for Sequence {
     fn camera(&self) -> Pinhole {
-        self.rig.camera
+        self.info.camera
     }
 
     /// Frames that were asked for, counting those that may turn out to be broken.

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test binary uses a part")]
 
 pub mod recording;
+pub mod virtual_sensor;
 
 #[path = "../../src/test_data.rs"]
 mod test_data;

@@ -29,6 +29,8 @@ pub enum Layout {
     Redwood,
     /// A folder of colour and a folder of depth pictures.
     Folders,
+    /// One file, played by OpenNI2.
+    Oni,
 }
 
 impl Layout {
@@ -39,6 +41,7 @@ impl Layout {
             Self::SevenScenes => "7-scenes",
             Self::Redwood => "redwood",
             Self::Folders => "folders",
+            Self::Oni => "oni",
         }
     }
 
@@ -46,12 +49,15 @@ impl Layout {
     pub fn usual_depth_factor(self) -> f64 {
         match self {
             Self::Tum | Self::IclNuim => 5000.0,
-            Self::SevenScenes | Self::Redwood | Self::Folders => 1000.0,
+            Self::SevenScenes | Self::Redwood | Self::Folders | Self::Oni => 1000.0,
         }
     }
 
-    /// Recognises the layout of a folder by its files.
+    /// Recognises the layout of a folder by its files, that of a file by its name.
     pub fn detect(folder: &Path) -> Result<Self, CaptureError> {
+        if folder.extension().is_some_and(|e| e.eq_ignore_ascii_case("oni")) && !folder.is_dir() {
+            return Ok(Self::Oni);
+        }
         let names = file_names(folder)?;
         let has = |name: &str| names.iter().any(|n| n == name);
         let lists = has("rgb.txt") || tum::ASSOCIATION_FILES.iter().any(|f| has(f));
@@ -86,11 +92,11 @@ impl std::str::FromStr for Layout {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        [Self::Tum, Self::IclNuim, Self::SevenScenes, Self::Redwood, Self::Folders]
+        [Self::Tum, Self::IclNuim, Self::SevenScenes, Self::Redwood, Self::Folders, Self::Oni]
             .into_iter()
             .find(|layout| layout.name() == name)
             .ok_or_else(|| {
-                format!("no layout \"{name}\": tum, icl-nuim, 7-scenes, redwood, folders")
+                format!("no layout \"{name}\": tum, icl-nuim, 7-scenes, redwood, folders, oni")
             })
     }
 }
@@ -133,6 +139,8 @@ pub(super) fn list(
         Layout::IclNuim => tum::list_icl_nuim(folder, options),
         Layout::SevenScenes => seven_scenes::list(folder, options),
         Layout::Redwood | Layout::Folders => folders::list(folder, options),
+        // Its frames have no files of their own; `open_sequence` never lists it.
+        Layout::Oni => Ok(Listing::default()),
     }?;
     if listing.entries.is_empty() {
         let (colors, depths) = (listing.colors, listing.depths);
@@ -162,7 +170,7 @@ pub(super) fn own_calibration(
     let yaml = ["camera_info.yaml", "calibration.yaml", "calibration.yml"];
     let general = has("calibration.toml").or_else(|| yaml.iter().find_map(|n| has(n)));
     let file = match layout {
-        Layout::SevenScenes => general,
+        Layout::SevenScenes | Layout::Oni => general,
         Layout::Tum | Layout::IclNuim => general.or_else(|| has("intrinsics.txt")),
         Layout::Redwood | Layout::Folders => general
             .or_else(|| folders::intrinsics_file(&names))

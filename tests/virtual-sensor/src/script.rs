@@ -1,0 +1,162 @@
+//! `sensor.txt`: what the sensor is and what goes wrong with it. `frames.bin`: what it sees.
+//!
+//! One `key value..` a line:
+//!
+//! ```text
+//! color 64 48              size
+//! depth 64 48
+//! fps 30                   half of it is offered, too
+//! depth-format 1mm         or 100um
+//! fov 1.02 0.80            radians, of both cameras; without it the property is missing
+//! pace read                a frame pair whenever the reader waits for one; or clock: in real time
+//! offset-us 4000           colour later than depth
+//! registration yes         offered in hardware
+//! sync yes
+//! mirror-stuck yes         mirroring cannot be turned off
+//! lock yes                 exposure and white balance can be locked
+//! fault absent | busy | unplug K [replug-ms] | stall K | half K | stride K | jump K us | no-color K
+//! ```
+//!
+//! `frames.bin` holds, frame by frame, depth as 16-bit little-endian and colour as RGB, without padding.
+
+use std::path::Path;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fault {
+    Absent,
+    Busy,
+    /// Before this frame; back after so many milliseconds. Once.
+    Unplug(usize, Option<u64>),
+    /// No frame from this one on.
+    Stall(usize),
+    /// This depth frame has half of its bytes.
+    Half(usize),
+    /// This depth frame claims a stride that its data do not have.
+    Stride(usize),
+    /// The clock is off by so many microseconds from this frame on.
+    Jump(usize, i64),
+    /// Depth alone.
+    NoColor(usize),
+}
+
+#[derive(Clone, Debug)]
+pub struct Script {
+    pub color: [usize; 2],
+    pub depth: [usize; 2],
+    pub fps: i32,
+    pub tenths_of_mm: bool,
+    pub fov: Option<[f32; 2]>,
+    pub by_clock: bool,
+    pub color_offset_us: i64,
+    pub registration: bool,
+    pub sync: bool,
+    pub mirror_stuck: bool,
+    pub lock: bool,
+    pub faults: Vec<Fault>,
+    pub frames: Vec<u8>,
+}
+
+impl Script {
+    pub fn read(folder: &Path) -> Result<Self, String> {
+        let text = std::fs::read_to_string(folder.join("sensor.txt")).map_err(|e| e.to_string())?;
+        let mut script = Self {
+            color: [0; 2],
+            depth: [0; 2],
+            fps: 30,
+            tenths_of_mm: false,
+            fov: None,
+            by_clock: false,
+            color_offset_us: 0,
+            registration: false,
+            sync: false,
+            mirror_stuck: false,
+            lock: false,
+            faults: Vec::new(),
+            frames: std::fs::read(folder.join("frames.bin")).map_err(|e| e.to_string())?,
+        };
+        for line in text.lines().filter(|l| !l.trim().is_empty()) {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            script.line(&words).ok_or_else(|| format!("sensor.txt: \"{line}\""))?;
+        }
+        if script.frame_bytes() == 0 || !script.frames.len().is_multiple_of(script.frame_bytes()) {
+            return Err("frames.bin does not have the sizes of sensor.txt".into());
+        }
+        Ok(script)
+    }
+
+    fn line(&mut self, words: &[&str]) -> Option<()> {
+        let yes = words.get(1) == Some(&"yes");
+        match *words {
+            ["color", w, h] => self.color = [w.parse().ok()?, h.parse().ok()?],
+            ["depth", w, h] => self.depth = [w.parse().ok()?, h.parse().ok()?],
+            ["fps", fps] => self.fps = fps.parse().ok()?,
+            ["depth-format", format] => self.tenths_of_mm = format == "100um",
+            ["fov", h, v] => self.fov = Some([h.parse().ok()?, v.parse().ok()?]),
+            ["pace", pace] => self.by_clock = pace == "clock",
+            ["offset-us", us] => self.color_offset_us = us.parse().ok()?,
+            ["registration", _] => self.registration = yes,
+            ["sync", _] => self.sync = yes,
+            ["mirror-stuck", _] => self.mirror_stuck = yes,
+            ["lock", _] => self.lock = yes,
+            ["fault", ref fault @ ..] => self.faults.push(Self::fault(fault)?),
+            _ => return None,
+        }
+        Some(())
+    }
+
+    fn fault(words: &[&str]) -> Option<Fault> {
+        Some(match *words {
+            ["absent"] => Fault::Absent,
+            ["busy"] => Fault::Busy,
+            ["unplug", k] => Fault::Unplug(k.parse().ok()?, None),
+            ["unplug", k, ms] => Fault::Unplug(k.parse().ok()?, Some(ms.parse().ok()?)),
+            ["stall", k] => Fault::Stall(k.parse().ok()?),
+            ["half", k] => Fault::Half(k.parse().ok()?),
+            ["stride", k] => Fault::Stride(k.parse().ok()?),
+            ["jump", k, us] => Fault::Jump(k.parse().ok()?, us.parse().ok()?),
+            ["no-color", k] => Fault::NoColor(k.parse().ok()?),
+            _ => return None,
+        })
+    }
+
+    pub fn has(&self, fault: Fault) -> bool {
+        self.faults.contains(&fault)
+    }
+
+    fn depth_bytes(&self) -> usize {
+        2 * self.depth[0] * self.depth[1]
+    }
+
+    fn frame_bytes(&self) -> usize {
+        self.depth_bytes() + 3 * self.color[0] * self.color[1]
+    }
+
+    pub fn frame_count(&self) -> usize {
+        self.frames.len() / self.frame_bytes()
+    }
+
+    pub fn picture(&self, frame: usize, depth: bool) -> &[u8] {
+        let start = frame * self.frame_bytes();
+        let middle = start + self.depth_bytes();
+        if depth {
+            &self.frames[start..middle]
+        } else {
+            &self.frames[middle..start + self.frame_bytes()]
+        }
+    }
+
+    /// Whether the device's clock says something else from this frame on.
+    pub fn clock_error_us(&self, frame: usize) -> i64 {
+        let jumps = self.faults.iter().filter_map(|f| match f {
+            Fault::Jump(k, us) if frame >= *k => Some(*us),
+            _ => None,
+        });
+        jumps.sum()
+    }
+
+    /// Whether nothing comes any more.
+    pub fn silent(&self, frame: usize) -> bool {
+        frame >= self.frame_count()
+            || self.faults.iter().any(|f| matches!(f, Fault::Stall(k) if frame >= *k))
+    }
+}
