@@ -21,3 +21,7 @@ pub use counts::{LiveCounts, LiveSummary};
 pub use device::{DeviceError, DeviceInfo, LiveDevice, LiveDriver};
 pub use played::PlayedDriver;
 pub use source::{Delivery, LiveOptions, LiveSource, Monitor};
+#[cfg(test)]
+mod scripted;
+#[cfg(test)]
+mod tests;

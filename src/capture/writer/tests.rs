@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::image::{Image, Size};
-use crate::math::Pose;
 use std::fs;
 
 fn camera() -> Pinhole {
@@ -96,4 +95,121 @@ fn refuses_wrong_sizes_and_used_folders() {
     let second =
         TumWriter::create(folder.path(), camera(), ColorFormat::Png, DepthCompression::Fast);
     assert!(second.is_err());
+}
+
+mod recorder {
+    use super::*;
+    use crate::capture::{CaptureOptions, FrameSource, RawFrame, open_sequence};
+
+    fn frame(index: usize, size: Size) -> RawFrame {
+        let mm = |i: usize| ((i * 37 + index * 11) % 9000) as f32 / 1000.0;
+        RawFrame {
+            index,
+            timestamp_s: 100.0 + index as f64 / 32.0,
+            color: Image::from_vec(
+                size,
+                (0..size.pixels()).map(|i| [(i + index) as u8; 3]).collect(),
+            ),
+            depth_m: Image::from_vec(size, (0..size.pixels()).map(mm).collect()),
+            world_from_camera: None,
+            exposure_s: None,
+        }
+    }
+
+    fn started(folder: &Path) -> TumWriter {
+        let options = TumOptions {
+            camera: camera(),
+            color: ColorFormat::Png,
+            depth: DepthFormat::default(),
+            calibration: Some(("a camera".into(), "of a test".into())),
+        };
+        TumWriter::start(folder, &options).expect("an empty folder")
+    }
+
+    #[test]
+    fn frames_come_back_equal_and_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut recorder = Recorder::new(started(folder.path()), 3).unwrap();
+        for index in 0..60 {
+            recorder.push(frame(index, camera().size())).unwrap();
+        }
+        let (writer, counts) = recorder.finish().unwrap();
+        assert_eq!(counts, RecorderCounts { written: 60, dropped: 0 });
+        assert!(writer.loss().is_none());
+        assert_eq!(writer.finish().unwrap(), 60);
+
+        let mut back = open_sequence(folder.path(), &CaptureOptions::default()).unwrap();
+        assert_eq!(back.camera(), camera());
+        assert_eq!(back.info().camera_from, "calibration.toml");
+        assert!(back.info().warnings.is_empty(), "{:?}", back.info().warnings);
+        for index in 0..60 {
+            let (read, written) =
+                (back.next_frame().unwrap().unwrap(), frame(index, camera().size()));
+            assert_eq!(read.timestamp_s, written.timestamp_s);
+            assert_eq!(read.color, written.color);
+            assert_eq!(read.depth_m, written.depth_m, "millimetres are exact");
+        }
+        assert!(back.next_frame().unwrap().is_none());
+    }
+
+    #[test]
+    fn a_folder_that_goes_away_is_an_error_once_and_what_is_written_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut recorder = Recorder::new(started(folder.path()), 1).unwrap();
+        recorder.push(frame(0, camera().size())).unwrap();
+        while recorder.counts().written == 0 {
+            std::thread::yield_now();
+        }
+        fs::rename(folder.path().join("depth"), folder.path().join("kept")).unwrap();
+        fs::write(folder.path().join("depth"), b"in the way").unwrap();
+        let mut index = 1;
+        let error = loop {
+            if let Err(error) = recorder.push(frame(index, camera().size())) {
+                break error.to_string();
+            }
+            index += 1;
+        };
+        assert!(error.contains("depth/100.031250.png"), "{error}");
+        let later = recorder.push(frame(index, camera().size())).unwrap_err().to_string();
+        assert!(later.contains("has ended"), "{later}");
+        drop(recorder);
+        fs::remove_file(folder.path().join("depth")).unwrap();
+        fs::rename(folder.path().join("kept"), folder.path().join("depth")).unwrap();
+        let mut back = open_sequence(folder.path(), &CaptureOptions::default()).unwrap();
+        assert_eq!(back.pairs(), 1);
+        assert_eq!(back.next_frame().unwrap().unwrap().depth_m, frame(0, camera().size()).depth_m);
+    }
+
+    #[test]
+    fn a_camera_that_is_too_fast_loses_frames_but_no_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut recorder = Recorder::new(started(folder.path()), 1).unwrap();
+        let start = std::time::Instant::now();
+        for index in 0..5000 {
+            recorder.offer(frame(index, camera().size())).unwrap();
+        }
+        let offered = start.elapsed();
+        let (_, counts) = recorder.finish().unwrap();
+        assert_eq!(counts.written + counts.dropped, 5000);
+        assert!(counts.dropped > 0 && counts.written > 0, "{counts:?} in {offered:?}");
+    }
+
+    #[test]
+    fn two_frames_of_one_time_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer = started(folder.path());
+        let encoder = writer.encoder();
+        let (color, depth_m) =
+            (Image::new(camera().size(), [0; 3]), Image::new(camera().size(), 1.0));
+        let at = |timestamp_s| FrameRef {
+            timestamp_s,
+            color: &color,
+            depth_m: &depth_m,
+            second_depth_m: None,
+            world_from_camera: None,
+        };
+        writer.add(&encoder.encode(&at(1.0)).unwrap()).unwrap();
+        let error = writer.add(&encoder.encode(&at(1.0 + 1e-7)).unwrap()).unwrap_err();
+        assert!(error.to_string().contains("1.000000"), "{error}");
+    }
 }
