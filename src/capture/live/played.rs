@@ -51,11 +51,15 @@ impl LiveDriver for PlayedDriver {
         if self.progress().lost.is_some_and(|lost| lost.elapsed() < AWAY) {
             return Err(DeviceError::Absent("the played device is away".into()));
         }
+        // Decoding shares no threads with the run: it must not wait for a stage of the pipeline.
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+        let threads = threads.map_err(|error| DeviceError::Lost(error.to_string()))?;
         let recording = open_sequence(&self.folder, &CaptureOptions::default())
             .map_err(|error| DeviceError::Absent(error.to_string()))?;
         let mut device = PlayedDevice {
             info: info(&self.folder, &recording),
             recording,
+            threads,
             paced: self.paced,
             progress: self.progress.clone(),
         };
@@ -79,6 +83,7 @@ fn info(folder: &Path, recording: &Sequence) -> DeviceInfo {
 struct PlayedDevice {
     info: DeviceInfo,
     recording: Sequence,
+    threads: rayon::ThreadPool,
     paced: bool,
     progress: Arc<Mutex<Progress>>,
 }
@@ -131,7 +136,8 @@ impl LiveDevice for PlayedDevice {
             }
         }
         self.progress.lock().unwrap_or_else(PoisonError::into_inner).next = index + 1;
-        match self.recording.frame(index) {
+        let recording = &mut self.recording;
+        match self.threads.install(|| recording.frame(index)) {
             Ok(frame) => Ok(Some(frame)),
             Err(error @ CaptureError::Frame { .. }) => {
                 Err(DeviceError::BadFrame(error.to_string()))
