@@ -279,8 +279,17 @@ mod ended_from_outside {
             signal(&child, name);
             let start = Instant::now();
             let status = child.wait().unwrap();
+            let took = start.elapsed();
             assert!(status.success(), "{status}");
-            assert!(start.elapsed() < Duration::from_secs(2), "{name}: {:?}", start.elapsed());
+            // The frame in work and what is computed at the end take a few frames' time.
+            let timings = std::fs::read(out.join("timings.json")).unwrap();
+            let timings: serde_json::Value = serde_json::from_slice(&timings).unwrap();
+            let frame_s = timings["duration"]["max_ms"].as_f64().unwrap() / 1e3;
+            assert!(
+                took.as_secs_f64() < 2.0 + 4.0 * frame_s,
+                "{name}: {took:?}, {frame_s} s a frame"
+            );
+            println!("{name}: ended after {took:?}, {frame_s:.3} s a frame");
             let summary = std::fs::read(out.join("summary.json")).unwrap();
             let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();
             let frames = summary["frames"].as_u64().unwrap() as usize;

@@ -2,7 +2,11 @@
 
 use super::scripted::{Act, Script};
 use super::*;
+use crate::capture::writer::{ColorFormat, DepthCompression, FrameRef, TumWriter};
 use crate::capture::{CaptureError, FrameSource, RawFrame};
+use crate::image::{Image, Size};
+use crate::math::Pinhole;
+use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -279,4 +283,60 @@ fn frames_and_time_may_be_limited() {
     let start = Instant::now();
     assert_eq!(all(&mut open(&script, limits)).len(), 1);
     assert!(start.elapsed() >= ms(110) && start.elapsed() < ms(1500), "{:?}", start.elapsed());
+}
+
+/// 30 frames a second from 100 s on.
+fn record(folder: &Path, frames: usize) {
+    let camera = Pinhole { width: 4, height: 3, fx: 5.0, fy: 5.0, cx: 1.5, cy: 1.0 };
+    let (color, compression) = (ColorFormat::Png, DepthCompression::Fast);
+    let mut writer = TumWriter::create(folder, camera, color, compression).unwrap();
+    for i in 0..frames {
+        writer
+            .push(&FrameRef {
+                timestamp_s: 100.0 + i as f64 / 30.0,
+                color: &Image::new(Size::new(4, 3), [i as u8; 3]),
+                depth_m: &Image::new(Size::new(4, 3), 1.0),
+                second_depth_m: None,
+                world_from_camera: None,
+            })
+            .unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn a_played_camera_that_was_away_has_missed_what_happened() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path(), 45);
+    let driver = PlayedDriver::new(folder.path(), true).losing_device_before(&[10]);
+    let options = LiveOptions { delivery: Delivery::Newest { capacity: 100 }, ..newest() };
+    let start = Instant::now();
+    let mut source = LiveSource::open(Box::new(driver), options).unwrap();
+    let frames = all(&mut source);
+    // it is not shorter than its frames say
+    assert!(start.elapsed() >= ms(44_000 / 30 - 50), "{:?}", start.elapsed());
+    let number = |f: &RawFrame| usize::from(f.color.as_slice()[0][0]);
+    for frame in &frames {
+        assert!((frame.timestamp_s - 100.0 - number(frame) as f64 / 30.0).abs() < 1e-6);
+    }
+    let before = frames.iter().filter(|f| number(f) < 10).count();
+    assert_eq!(before, 10);
+    // away for 250 ms: seven frames or more
+    assert!(number(&frames[10]) >= 17, "{}", number(&frames[10]));
+    let counts = source.counts();
+    assert_eq!((counts.outages, counts.recoveries, counts.clock_jumps), (1, 1, 0));
+    assert!(counts.down_s >= 0.25, "{}", counts.down_s);
+}
+
+#[test]
+fn a_played_recording_comes_whole_where_it_is_not_paced() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path(), 45);
+    std::fs::write(folder.path().join("depth/100.500000.png"), b"broken").unwrap();
+    let driver = PlayedDriver::new(folder.path(), false).losing_device_before(&[0, 20]);
+    let mut source = LiveSource::open(Box::new(driver), every()).unwrap();
+    let frames = all(&mut source);
+    assert_eq!(frames.len(), 44);
+    let counts = source.counts();
+    assert_eq!((counts.bad, counts.outages, counts.dropped), (1, 2, 0));
 }
