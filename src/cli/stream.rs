@@ -40,8 +40,8 @@ pub struct StreamArgs {
     dump: Vec<Buffer>,
 }
 
-/// Frames that may wait for the pipeline: one to take, one that arrives meanwhile.
-const QUEUE: usize = 2;
+/// Frames that may wait for the pipeline: more would only make what it takes older.
+const QUEUE: usize = 1;
 
 pub fn run(args: &StreamArgs, talk: Talk) -> Result<(), CliError> {
     let compute = &args.compute;

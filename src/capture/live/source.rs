@@ -37,7 +37,7 @@ pub struct LiveOptions {
 impl Default for LiveOptions {
     fn default() -> Self {
         Self {
-            delivery: Delivery::Newest { capacity: 2 },
+            delivery: Delivery::Newest { capacity: 1 },
             stall: Duration::from_secs(2),
             reopen_first: Duration::from_millis(100),
             reopen_longest: Duration::from_secs(5),
