@@ -1,7 +1,7 @@
 //! The thread that calls the driver.
 
 use super::back_off::BackOff;
-use super::queue::Shared;
+use super::queue::{Call, Shared};
 use super::source::{Delivery, LiveOptions};
 use super::{DeviceError, LiveDevice, LiveDriver};
 use crate::capture::RawFrame;
@@ -11,6 +11,10 @@ use std::time::{Duration, Instant};
 
 /// How long a device may wait for a frame before it looks whether it should stop.
 const WAIT: Duration = Duration::from_millis(100);
+
+/// A call may take this much longer than the longest time without a frame, before its thread is replaced:
+/// where it returns, the thread itself sees that there was none.
+const OVERDUE: Duration = Duration::from_millis(500);
 
 /// The thread that an earlier one left stuck in the driver is told apart by its `generation`.
 pub(super) struct Capture {
@@ -29,7 +33,7 @@ impl Capture {
         while self.is_current() {
             let Some(mut device) = self.open(&mut back_off) else { continue };
             self.stream(&mut *device, &mut back_off);
-            self.in_driver(|| drop(device));
+            self.in_driver(self.options.open_timeout, || drop(device));
         }
         drop(leaving);
     }
@@ -39,15 +43,15 @@ impl Capture {
         state.is_current(self.generation) && state.ended.is_none()
     }
 
-    /// Runs a call of the driver, so that others see since when it has not returned.
-    fn in_driver<T>(&self, call: impl FnOnce() -> T) -> T {
-        let note = |since| {
+    /// Runs a call of the driver, so that others see whether it still returns.
+    fn in_driver<T>(&self, may_take: Duration, call: impl FnOnce() -> T) -> T {
+        let note = |call| {
             let mut state = self.shared.lock();
             if state.generation == self.generation {
-                state.calling_since = since;
+                state.call = call;
             }
         };
-        note(Some(Instant::now()));
+        note(Some(Call { since: Instant::now(), may_take }));
         let result = call();
         note(None);
         result
@@ -55,7 +59,7 @@ impl Capture {
 
     /// Opens the device, or waits a while where that fails.
     fn open(&self, back_off: &mut BackOff) -> Option<Box<dyn LiveDevice>> {
-        let opened = self.in_driver(|| match self.driver.try_lock() {
+        let opened = self.in_driver(self.options.open_timeout, || match self.driver.try_lock() {
             Ok(mut driver) => driver.open(),
             Err(TryLockError::Poisoned(driver)) => driver.into_inner().open(),
             Err(TryLockError::WouldBlock) => {
@@ -105,14 +109,17 @@ impl Capture {
     fn stream(&self, device: &mut dyn LiveDevice, back_off: &mut BackOff) {
         let camera = device.camera();
         let mut last_good = Instant::now();
+        // A device that was just opened may take longer.
+        let mut limit = self.options.stall.max(self.options.first_frame);
         while self.is_current() {
-            let given = self.in_driver(|| device.wait(WAIT));
+            let given = self.in_driver(limit + OVERDUE, || device.wait(WAIT));
             let at = Instant::now();
             match given {
                 Ok(Some(frame)) => match self.put(frame, at, &camera) {
                     Ok(()) => {
                         // The queue may have been full for long.
                         last_good = Instant::now();
+                        limit = self.options.stall;
                         back_off.reset();
                     }
                     Err(reason) => self.bad(&reason),
@@ -126,7 +133,7 @@ impl Capture {
                     return self.rest(back_off.next());
                 }
             }
-            if last_good.elapsed() > self.options.stall {
+            if last_good.elapsed() > limit {
                 let stall_s = last_good.elapsed().as_secs_f64();
                 self.outage(&format!("no good frame for {stall_s:.1} s"));
                 return self.rest(back_off.next());
@@ -210,6 +217,7 @@ impl Drop for Leaving<'_> {
     fn drop(&mut self) {
         let mut state = self.0.shared.lock();
         if state.generation != self.0.generation {
+            state.stuck -= 1;
             return;
         }
         if std::thread::panicking() {

@@ -15,6 +15,20 @@ pub(super) struct Arrived {
     pub at: Instant,
 }
 
+/// A call of the driver that has not returned.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Call {
+    pub since: Instant,
+    /// It is given up after this long.
+    pub may_take: Duration,
+}
+
+impl Call {
+    pub fn is_stuck(&self) -> bool {
+        self.since.elapsed() > self.may_take
+    }
+}
+
 /// Since when there is no device.
 pub(super) struct Outage {
     pub since: Instant,
@@ -33,9 +47,11 @@ pub(super) struct State {
     /// Number of the capture thread that counts. One that a driver does not let go of is replaced by the
     /// next, and finds itself outdated should it ever return.
     pub generation: usize,
-    /// Since when that thread is inside the driver.
-    pub calling_since: Option<Instant>,
-    /// Whether that thread has left.
+    /// Where that thread is inside the driver.
+    pub call: Option<Call>,
+    /// Outdated threads that are still in the driver.
+    pub stuck: usize,
+    /// Whether the thread that counts has left.
     pub left: bool,
 }
 
@@ -56,7 +72,8 @@ impl Shared {
             ended: None,
             stopped: false,
             generation: 0,
-            calling_since: None,
+            call: None,
+            stuck: 0,
             left: false,
         };
         Self { state: Mutex::new(state), changed: Condvar::new() }

@@ -35,9 +35,9 @@ pub struct Script {
     pub opened: Arc<AtomicUsize>,
     pub closed: Arc<AtomicUsize>,
     released: Arc<AtomicBool>,
-    /// Between frames.
-    pub pace: Duration,
-    /// Of the second and later openings, where it differs.
+    /// What opening takes.
+    pub opening: Duration,
+    /// Whether the second and later openings give another camera.
     pub other_camera: bool,
 }
 
@@ -63,6 +63,7 @@ impl Script {
 
 impl LiveDriver for Script {
     fn open(&mut self) -> Result<Box<dyn LiveDevice>, DeviceError> {
+        std::thread::sleep(self.opening);
         if let Some(error) = self.openings.lock().unwrap().pop_front() {
             return Err(error);
         }
@@ -97,10 +98,7 @@ impl LiveDevice for Scripted {
     fn wait(&mut self, timeout: Duration) -> Result<Option<RawFrame>, DeviceError> {
         let act = self.script.acts.lock().unwrap().pop_front();
         match act.unwrap_or(Act::Fail(DeviceError::Ended)) {
-            Act::Frame(time_s) => {
-                std::thread::sleep(self.script.pace);
-                Ok(Some(frame(SIZE, time_s)))
-            }
+            Act::Frame(time_s) => Ok(Some(frame(SIZE, time_s))),
             Act::Small(time_s) => Ok(Some(frame(Size::new(2, 3), time_s))),
             Act::Fail(error) => Err(error),
             Act::Silence(time) => {

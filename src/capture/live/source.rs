@@ -1,7 +1,7 @@
 //! A live camera as a source of frames.
 
 use super::capture::Capture;
-use super::queue::Shared;
+use super::queue::{Call, Shared, State};
 use super::{DeviceError, DeviceInfo, LiveCounts, LiveDriver, LiveSummary};
 use crate::capture::{Arrival, CaptureError, FrameSource, RawFrame};
 use crate::math::Pinhole;
@@ -20,14 +20,16 @@ pub enum Delivery {
 #[derive(Clone, Debug)]
 pub struct LiveOptions {
     pub delivery: Delivery,
-    /// Frames older than this mean that the device is opened again.
+    /// A device that gives no good frame for this long is opened again; for its first it may take
+    /// `first_frame`, where that is longer.
     pub stall: Duration,
+    pub first_frame: Duration,
     /// Time between attempts to open it: the first, and the longest that the doubling leads to.
     pub reopen_first: Duration,
     pub reopen_longest: Duration,
     /// The source ends where the device stays away for longer.
     pub give_up_after: Option<Duration>,
-    /// For the first opening.
+    /// For opening and closing.
     pub open_timeout: Duration,
     /// The source ends after this many frames, or this long after it was opened.
     pub most_frames: Option<usize>,
@@ -39,6 +41,7 @@ impl Default for LiveOptions {
         Self {
             delivery: Delivery::Newest { capacity: 1 },
             stall: Duration::from_secs(2),
+            first_frame: Duration::from_secs(6),
             reopen_first: Duration::from_millis(100),
             reopen_longest: Duration::from_secs(5),
             give_up_after: None,
@@ -52,7 +55,7 @@ impl Default for LiveOptions {
 /// How long the end of a source waits for the driver before it leaves the capture thread behind.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
-/// So many threads may be stuck in the driver; with one more it is hopeless.
+/// So many threads may be stuck in the driver at once; with one more it is hopeless.
 const MOST_STUCK: usize = 4;
 
 /// Frames of a camera that is running, in order and with rising times, numbered as they are delivered.
@@ -68,7 +71,6 @@ pub struct LiveSource {
     camera: Pinhole,
     began: Instant,
     arrival: Option<Arrival>,
-    stuck: usize,
 }
 
 /// Looks at a source, and ends it, from another thread.
@@ -116,16 +118,7 @@ impl LiveSource {
             state = shared.wait(state, left);
         };
         drop(state);
-        Ok(Self {
-            shared,
-            driver,
-            options,
-            info,
-            camera,
-            began: Instant::now(),
-            arrival: None,
-            stuck: 0,
-        })
+        Ok(Self { shared, driver, options, info, camera, began: Instant::now(), arrival: None })
     }
 
     pub fn info(&self) -> &DeviceInfo {
@@ -159,11 +152,8 @@ impl LiveSource {
             if let Some(ended) = &mut state.ended {
                 return ended.take().map_or(Ok(None), Err);
             }
-            let limit = self.options.stall + Duration::from_millis(500);
-            if let Some(since) = state.calling_since.filter(|since| since.elapsed() > limit) {
-                drop(state);
-                self.replace(since)?;
-                state = shared.lock();
+            if let Some(call) = state.call.filter(Call::is_stuck) {
+                self.replace(&mut state, call)?;
             }
             state = shared.wait(state, Duration::from_millis(50));
         }
@@ -175,21 +165,18 @@ impl LiveSource {
     }
 
     /// Leaves the capture thread in the driver call that does not return, and starts another.
-    fn replace(&mut self, since: Instant) -> Result<(), DeviceError> {
-        self.stuck += 1;
-        let mut state = self.shared.lock();
-        if self.stuck > MOST_STUCK {
+    fn replace(&self, state: &mut State, call: Call) -> Result<(), DeviceError> {
+        if state.stuck == MOST_STUCK {
             state.stopped = true;
             let reason = format!("{MOST_STUCK} calls of its driver have not returned");
             return Err(DeviceError::Lost(reason));
         }
-        let stuck_s = since.elapsed().as_secs_f64();
+        let stuck_s = call.since.elapsed().as_secs_f64();
         state.begin_outage(&format!("its driver has not returned for {stuck_s:.1} s"));
+        state.stuck += 1;
         state.generation += 1;
-        state.calling_since = None;
-        let generation = state.generation;
-        drop(state);
-        start_thread(&self.shared, &self.driver, generation, &self.options)
+        state.call = None;
+        start_thread(&self.shared, &self.driver, state.generation, &self.options)
     }
 }
 

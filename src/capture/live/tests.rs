@@ -18,6 +18,7 @@ fn every() -> LiveOptions {
     LiveOptions {
         delivery: Delivery::Every,
         stall: ms(150),
+        first_frame: ms(150),
         reopen_first: ms(5),
         reopen_longest: ms(40),
         ..LiveOptions::default()
@@ -129,6 +130,29 @@ fn a_stall_opens_the_device_again() {
     // opened again, it is silent as before
     assert_eq!(source.counts().recoveries, 0);
     assert!(source.monitor().is_down());
+}
+
+#[test]
+fn the_first_frame_of_a_device_may_take_longer() {
+    let script = Script::new([
+        Act::Silence(ms(300)),
+        Act::Frame(1.0),
+        Act::Silence(ms(300)),
+        Act::Frame(1.3),
+    ]);
+    let mut source = open(&script, LiveOptions { first_frame: ms(5000), ..every() });
+    assert_eq!(source.next_frame().unwrap().unwrap().timestamp_s, 1.0);
+    assert_eq!(source.counts().outages, 0);
+    until("the second silence is a stall", || source.counts().outages == 1);
+}
+
+#[test]
+fn an_opening_that_is_slow_is_waited_for() {
+    let mut script = Script::new([Act::Frame(1.0), lost(), Act::Frame(1.1)]);
+    script.opening = ms(900); // more than a stall and half a second
+    let mut source = open(&script, every());
+    assert_eq!(times(&all(&mut source)), [1.0, 1.1]);
+    assert_eq!(source.counts().attempts, 1);
 }
 
 #[test]
