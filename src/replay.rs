@@ -1,7 +1,8 @@
 //! A whole sequence through the pipeline, and what it amounts to.
 
 use crate::budget::Governor;
-use crate::capture::{CaptureError, FrameSource, Sequence, SkippedFrame};
+use crate::capture::live::LiveSummary;
+use crate::capture::{CaptureError, FrameSource, RawFrame, SkippedFrame};
 use crate::eval::light::LightTruth;
 use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
 use crate::math::{Pose, median, quantile};
@@ -9,7 +10,7 @@ use crate::output::{OutputError, RunWriter};
 use crate::pipeline::{Backend, BackendRecord, FrameOutcome, PipelineError};
 use crate::timing::{Stage, StageTimes};
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
@@ -21,6 +22,8 @@ pub enum ReplayError {
     Output(#[from] OutputError),
     #[error("no frame could be read; the first was skipped because {0}")]
     NoFrames(String),
+    #[error("the camera gave no frame")]
+    NoLiveFrames,
 }
 
 /// What a run amounts to. Lengths in metres, angles in degrees.
@@ -28,6 +31,9 @@ pub enum ReplayError {
 pub struct ReplaySummary {
     pub frames: usize,
     pub skipped: Vec<SkippedFrame>,
+    /// What became of a camera's frames; not for recordings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub live: Option<LiveSummary>,
     /// Frames in each tracking state.
     pub states: BTreeMap<String, usize>,
     /// Share of frames that were tracked well enough to be fused.
@@ -72,7 +78,7 @@ struct Tally {
 /// Where an error ends the run early, the mesh, the summary and what else is written at the end are
 /// written for the frames until then.
 pub fn replay(
-    source: &mut Sequence,
+    source: &mut dyn FrameSource,
     pipeline: &mut dyn Backend,
     writer: &mut RunWriter,
     governor: Option<&mut Governor>,
@@ -86,10 +92,13 @@ pub fn replay(
     });
     if tally.frames == 0 {
         ended?;
+        if source.live().is_some() {
+            return Err(ReplayError::NoLiveFrames);
+        }
         let reason = source.skipped().first().map_or("it is empty", |s| &s.reason);
         return Err(ReplayError::NoFrames(reason.to_owned()));
     }
-    let summary = tally.summary(source.skipped().to_vec(), pipeline.record());
+    let summary = tally.summary(source, pipeline.record());
     let finished = writer.finish(pipeline, &summary);
     // What ended the run comes before what may follow from it: a full disk takes no mesh either.
     ended?;
@@ -99,19 +108,17 @@ pub fn replay(
 }
 
 fn every_frame(
-    source: &mut Sequence,
+    source: &mut dyn FrameSource,
     pipeline: &mut dyn Backend,
     writer: &mut RunWriter,
     mut governor: Option<&mut Governor>,
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<(), ReplayError> {
     loop {
-        let start = Instant::now();
-        let Some(raw) = source.next_frame()? else { return Ok(()) };
-        let mut times = StageTimes::default();
-        times.add(Stage::Input, start.elapsed());
+        let Some((raw, times)) = next_frame(source)? else { return Ok(()) };
+        let age = source.arrival().map(|arrival| arrival.age);
         let outcome = pipeline.process(raw, times)?;
-        writer.frame(pipeline, &outcome)?;
+        writer.frame(pipeline, &outcome, age)?;
         on_frame(&outcome);
         if let Some(governor) = &mut governor
             && let Some(setting) = governor.after_frame(pipeline, &outcome)?
@@ -119,6 +126,18 @@ fn every_frame(
             writer.set_setting(setting);
         }
     }
+}
+
+/// With the time of reading it, but not that of waiting for a camera.
+fn next_frame(
+    source: &mut dyn FrameSource,
+) -> Result<Option<(RawFrame, StageTimes)>, CaptureError> {
+    let start = Instant::now();
+    let Some(raw) = source.next_frame()? else { return Ok(None) };
+    let waited = source.arrival().map_or(Duration::ZERO, |arrival| arrival.waited);
+    let mut times = StageTimes::default();
+    times.add(Stage::Input, start.elapsed().saturating_sub(waited));
+    Ok(Some((raw, times)))
 }
 
 impl Tally {
@@ -142,7 +161,7 @@ impl Tally {
         }
     }
 
-    fn summary(self, skipped: Vec<SkippedFrame>, backend: BackendRecord) -> ReplaySummary {
+    fn summary(self, source: &dyn FrameSource, backend: BackendRecord) -> ReplaySummary {
         let (estimated, recorded) = (&self.estimated, &self.recorded);
         // Too few poses for an error are no error.
         let absolute = trajectory::absolute_error(estimated, recorded, MATCH_TOLERANCE_S).ok();
@@ -150,7 +169,8 @@ impl Tally {
         let light_error = self.light_errors();
         ReplaySummary {
             frames: self.frames,
-            skipped,
+            skipped: source.skipped().to_vec(),
+            live: source.live(),
             tracked_share: self.fused as f64 / self.frames as f64,
             states: self.states,
             absolute_error: absolute,
@@ -185,6 +205,9 @@ impl std::fmt::Display for ReplaySummary {
             states.join(", "),
             self.skipped.len()
         )?;
+        if let Some(live) = &self.live {
+            writeln!(f, "camera: {}", live.counts)?;
+        }
         if let Some(e) = &self.absolute_error {
             writeln!(
                 f,

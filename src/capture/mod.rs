@@ -44,6 +44,7 @@ pub mod writer;
 use crate::image::Image;
 use crate::math::{Pinhole, Pose};
 use std::path::Path;
+use std::time::Duration;
 
 /// One colour + depth pair as a source delivers it: same camera, same size, rectified, registered.
 #[derive(Clone, Debug)]
@@ -91,6 +92,30 @@ pub trait FrameSource: Send {
     /// The next frame, `None` at the end. An error concerns one frame: asking again continues
     /// with the frame after it.
     fn next_frame(&mut self) -> Result<Option<RawFrame>, CaptureError>;
+
+    /// Frames that could not be delivered so far.
+    fn skipped(&self) -> &[SkippedFrame] {
+        &[]
+    }
+
+    /// How the last frame came, where it is a camera's.
+    fn arrival(&self) -> Option<Arrival> {
+        None
+    }
+
+    /// What the camera gave so far, where it is one.
+    fn live(&self) -> Option<live::LiveSummary> {
+        None
+    }
+}
+
+/// How a frame came from a camera that is running.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    /// From asking for the frame to having it.
+    pub waited: Duration,
+    /// From its arrival at this machine to its delivery.
+    pub age: Duration,
 }
 
 #[derive(Debug, thiserror::Error)]

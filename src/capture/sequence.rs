@@ -143,7 +143,7 @@ enum Pictures {
 }
 
 /// Recognises and opens a recording. Errors concern the recording as a whole; single broken frames are
-/// [skipped](Sequence::skipped).
+/// [skipped](FrameSource::skipped).
 pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, CaptureError> {
     let layout = options.layout.map_or_else(|| Layout::detect(path), Ok)?;
     let tolerance = options.max_time_difference_s;
@@ -355,14 +355,14 @@ impl Sequence {
         &self.info
     }
 
-    /// Frames that could not be delivered so far.
-    pub fn skipped(&self) -> &[SkippedFrame] {
-        &self.skipped
-    }
-
     /// Pairs in the recording; `index` of [`Self::frame`] counts them.
     pub fn pairs(&self) -> usize {
         self.entries.len()
+    }
+
+    /// Time of a frame; `None` where there is no such frame.
+    pub fn timestamp_s(&self, index: usize) -> Option<f64> {
+        self.entries.get(index).map(|e| e.timestamp_s)
     }
 
     /// Name of a frame's colour picture; empty where there is no such frame.
@@ -422,7 +422,11 @@ impl FrameSource for Sequence {
         Some(self.end - self.first)
     }
 
-    /// The next frame that can be read. Broken ones are noted in [`Sequence::skipped`]; that all frames
+    fn skipped(&self) -> &[SkippedFrame] {
+        &self.skipped
+    }
+
+    /// The next frame that can be read. Broken ones are noted in [`Self::skipped`]; that all frames
     /// were broken is an error, once, at the end.
     fn next_frame(&mut self) -> Result<Option<RawFrame>, CaptureError> {
         while self.next < self.end {

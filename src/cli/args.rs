@@ -1,10 +1,13 @@
 //! The command line. Names here are relied on by scripts.
 
+use super::convert::ConvertArgs;
 #[cfg(feature = "gpu")]
 use super::doctor::DoctorArgs;
 #[cfg(feature = "gpu")]
 use super::parity::ParityArgs;
+use super::record::RecordArgs;
 use super::report::ReportArgs;
+use super::stream::StreamArgs;
 use super::study_composite::CompositeStudyArgs;
 use super::study_estimator::EstimatorStudyArgs;
 use super::study_light::LightStudyArgs;
@@ -39,6 +42,9 @@ pub enum Command {
     Replay(Box<ReplayArgs>),
     /// Run several presets over the same frames and print their stage times side by side.
     Compare(Box<CompareArgs>),
+    Stream(Box<StreamArgs>),
+    Record(RecordArgs),
+    Convert(ConvertArgs),
     /// Say what a sequence holds and whether it is plausible.
     Info(InfoArgs),
     /// Render a test sequence with exact depth, poses and light.
@@ -132,6 +138,13 @@ pub struct SettingsArgs {
 pub struct RunArgs {
     #[command(flatten)]
     pub source: SourceArgs,
+    #[command(flatten)]
+    pub compute: ComputeArgs,
+}
+
+/// How frames are computed, wherever they are from.
+#[derive(Debug, Args)]
+pub struct ComputeArgs {
     #[command(flatten)]
     pub changes: SettingsArgs,
     /// Where the computing is done.

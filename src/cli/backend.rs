@@ -1,7 +1,7 @@
 //! Which device computes.
 
 use super::CliError;
-use super::args::{Backend as Asked, RunArgs};
+use super::args::{Backend as Asked, ComputeArgs};
 use kinlight::config::Settings;
 #[cfg(feature = "gpu")]
 use kinlight::gpu::{AdapterChoice, Gpu, GpuError, diagnosis};
@@ -24,7 +24,7 @@ pub enum Device {
 impl Device {
     /// As the arguments ask for. What the GPU cannot do leads to the CPU, unless it was asked for.
     #[cfg(feature = "gpu")]
-    pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
+    pub fn choose(run: &ComputeArgs) -> Result<Self, CliError> {
         let named = run.adapter.is_some();
         let choice = run.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
         match run.backend {
@@ -54,7 +54,7 @@ impl Device {
     }
 
     #[cfg(not(feature = "gpu"))]
-    pub fn choose(run: &RunArgs) -> Result<Self, CliError> {
+    pub fn choose(run: &ComputeArgs) -> Result<Self, CliError> {
         match run.backend {
             Asked::Auto | Asked::Cpu => Ok(Self::Cpu(None)),
         }
@@ -111,7 +111,7 @@ pub struct GpuDevice {
 
 #[cfg(feature = "gpu")]
 impl GpuDevice {
-    fn new(gpu: Gpu, run: &RunArgs) -> Self {
+    fn new(gpu: Gpu, run: &ComputeArgs) -> Self {
         log::info!("on {}", gpu.summary());
         let memory_bytes = run.gpu_memory.map(|mib| mib << 20);
         memory_bytes.inspect(|&bytes| gpu.limit_memory(bytes));

@@ -1,81 +1,57 @@
 //! One function a command.
 
 use super::args::{
-    Buffer, CompareArgs, CompareOutput, InfoArgs, Output, ReplayArgs, RunArgs, SynthArgs,
+    CompareArgs, CompareOutput, InfoArgs, Output, ReplayArgs, SourceArgs, SynthArgs,
 };
 use super::backend::Device;
-use super::{CliError, Talk, objects, pictures, report, setup};
-use kinlight::budget::{BudgetSummary, Governor};
+use super::run::{Done, Input, Pace, Run};
+use super::{CliError, Talk, objects, report, run, setup};
 use kinlight::capture::{FrameSource, inspect};
-use kinlight::config::Settings;
 use kinlight::eval::light::LightTruth;
-use kinlight::output::{BufferPicture, OutputPlan, RunWriter, TimingSummary, stage_table};
+use kinlight::output::{OutputPlan, stage_table};
 use kinlight::pipeline::FrameOutcome;
-use kinlight::replay::{ReplaySummary, replay as run_sequence};
-use kinlight::report::RunRecord;
 use serde_json::json;
 use std::path::Path;
 
 pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
-    setup::start_threads(args.run.threads)?;
-    let leave_out = |output| args.without.contains(&output);
-    let plan = OutputPlan {
-        frames: !leave_out(Output::Frames),
-        light: !leave_out(Output::Light),
-        environment: !leave_out(Output::Environment),
-        trajectory: !leave_out(Output::Trajectory),
-        mesh: !leave_out(Output::Mesh),
-        timings: !leave_out(Output::Timings),
-        video: args.video,
-    };
-    let device = Device::choose(&args.run)?;
-    let pace = match setup::governor(&args.run, &device)? {
-        Some(governor) => Pace::Budget(governor),
-        None => {
-            Pace::Preset(&args.preset, setup::settings(&args.preset, &args.run.changes)?.into())
-        }
-    };
-    let run = Run { pace, plan, dump: &args.dump, out: &args.run.out, device: &device };
-    let done = run.go(&args.run, talk)?;
-    if !leave_out(Output::Report) {
-        report::write_page(&args.run.out)?;
+    setup::start_threads(args.run.compute.threads)?;
+    let plan = OutputPlan { video: args.video, ..run::plan(&args.without) };
+    let compute = &args.run.compute;
+    let device = Device::choose(compute)?;
+    let pace = Pace::choose(&args.preset, compute, &device)?;
+    let (dump, warm_up) = (&args.dump, compute.warm_up);
+    let run = Run { pace, plan, dump, out: &compute.out, device: &device, warm_up };
+    let done = over_sequence(run, &args.run.source, talk)?;
+    if !args.without.contains(&Output::Report) {
+        report::write_page(&compute.out)?;
     }
-    talk.say(stage_table(&[(&done.name, &done.timings)]));
-    talk.say(&done.summary);
-    if let Some(budget) = &done.budget {
-        talk.say(budget);
-    }
-    talk.say(format_args!("written to {}", args.run.out.display()));
-    let mut result = json!(done.summary);
-    result["out"] = json!(args.run.out);
-    result["timings"] = json!(done.timings);
-    result["budget"] = json!(done.budget);
-    talk.result(&result);
+    done.tell(&compute.out, talk);
     Ok(())
 }
 
 pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
-    if args.presets.len() + usize::from(args.run.budget.is_some()) < 2 {
+    if args.presets.len() + usize::from(args.run.compute.budget.is_some()) < 2 {
         return Err(CliError::Usage(
             "--presets needs at least two names, or one and --budget".into(),
         ));
     }
-    setup::start_threads(args.run.threads)?;
+    setup::start_threads(args.run.compute.threads)?;
     let mut paces = Vec::new();
     for name in &args.presets {
-        paces.push(Pace::Preset(name, setup::settings(name, &args.run.changes)?.into()));
+        paces.push(Pace::Preset(name, setup::settings(name, &args.run.compute.changes)?.into()));
     }
-    let device = Device::choose(&args.run)?;
-    paces.extend(setup::governor(&args.run, &device)?.map(Pace::Budget));
+    let device = Device::choose(&args.run.compute)?;
+    paces.extend(setup::governor(&args.run.compute, &device)?.map(Pace::Budget));
     let mut done = Vec::new();
     for pace in paces {
         let plan = OutputPlan { frames: args.frames_out, timings: true, ..OutputPlan::NOTHING };
-        let out = args.run.out.join(pace.name());
-        let run = Run { pace, plan, dump: &[], out: &out, device: &device };
-        done.push(run.go(&args.run, talk)?);
+        let out = args.run.compute.out.join(pace.name());
+        let warm_up = args.run.compute.warm_up;
+        let run = Run { pace, plan, dump: &[], out: &out, device: &device, warm_up };
+        done.push(over_sequence(run, &args.run.source, talk)?);
     }
     if !args.without.contains(&CompareOutput::Report) {
-        report::write_page(&args.run.out)?;
+        report::write_page(&args.run.compute.out)?;
     }
     let columns: Vec<_> = done.iter().map(|run| (run.name.as_str(), &run.timings)).collect();
     talk.say(stage_table(&columns));
@@ -120,92 +96,26 @@ pub fn synth(args: &SynthArgs, talk: Talk) -> Result<(), CliError> {
     Ok(())
 }
 
-/// How settings are chosen: once, or from frame to frame.
-enum Pace<'a> {
-    Preset(&'a str, Box<Settings>),
-    Budget(Governor),
-}
-
-impl Pace<'_> {
-    /// Of the run.
-    fn name(&self) -> &str {
-        match self {
-            Pace::Preset(name, _) => name,
-            Pace::Budget(_) => "budget",
-        }
-    }
-}
-
-/// One pass over a sequence.
-struct Run<'a> {
-    pace: Pace<'a>,
-    plan: OutputPlan,
-    dump: &'a [Buffer],
-    out: &'a Path,
-    device: &'a Device,
-}
-
-/// What it came to.
-struct Done {
-    name: String,
-    summary: ReplaySummary,
-    timings: TimingSummary,
-    budget: Option<BudgetSummary>,
-}
-
-impl Run<'_> {
-    fn go(self, args: &RunArgs, talk: Talk) -> Result<Done, CliError> {
-        let mut source = setup::open(&args.source)?;
-        let truth = light_truth(&args.source.sequence)?;
-        let scene = objects::scene(&args.source, &source)?;
-        let name = self.pace.name().to_owned();
-        let (setting, settings, mut governor) = match self.pace {
-            Pace::Preset(name, settings) => (name.to_owned(), *settings, None),
-            Pace::Budget(governor) => {
-                (governor.rung().name.clone(), governor.rung().settings.clone(), Some(governor))
-            }
-        };
-        let mut pipeline = self.device.pipeline(settings, source.camera(), scene)?;
-        let buffers = self.dump.iter().map(|&buffer| {
-            let picture: BufferPicture = Box::new(move |p| pictures::of(buffer, p));
-            (pictures::folder(buffer), picture)
-        });
-        let buffers = buffers.collect();
-        let mut writer =
-            RunWriter::create(self.out, self.plan, &*pipeline, buffers, args.warm_up, &setting)
-                .map_err(|e| CliError::Output(e.to_string()))?;
-
-        let bar = talk.progress(source.len().unwrap_or(0));
-        bar.set_prefix(name.clone());
-        let mut on_frame = |frame: &FrameOutcome| {
+/// With a bar that fills.
+fn over_sequence(run: Run, args: &SourceArgs, talk: Talk) -> Result<Done, CliError> {
+    let mut source = setup::open(args)?;
+    let truth = light_truth(&args.sequence)?;
+    let first = args.frames.map_or(0, |frames| frames.first);
+    let scene = objects::scene(&args.object, Some(&args.sequence), first, &source)?;
+    let bar = talk.progress(source.len().unwrap_or(0));
+    bar.set_prefix(run.pace.name().to_owned());
+    let done = run.go(
+        Input { source: &mut source, name: &args.sequence, scene, truth: truth.as_ref() },
+        &mut |frame: &FrameOutcome| {
             bar.set_message(format!("{:?}", frame.tracking.state));
             bar.inc(1);
-        };
-        let summary = run_sequence(
-            &mut source,
-            &mut *pipeline,
-            &mut writer,
-            governor.as_mut(),
-            truth.as_ref(),
-            &mut on_frame,
-        );
-        bar.finish_and_clear();
-        let summary = summary?;
-        let on_cpu_because = self.device.on_cpu_because().map(str::to_owned);
-        let record = RunRecord::here(&name, &args.source.sequence, pipeline.record());
-        RunRecord { on_cpu_because, ..record }
-            .write(self.out)
-            .map_err(|e| CliError::Output(e.to_string()))?;
-        Ok(Done {
-            name,
-            summary,
-            timings: writer.timing_summary().expect("a run without frames is an error"),
-            budget: governor.map(|g| g.summary()),
-        })
-    }
+        },
+    );
+    bar.finish_and_clear();
+    done
 }
 
-fn light_truth(sequence: &Path) -> Result<Option<LightTruth>, CliError> {
+pub fn light_truth(sequence: &Path) -> Result<Option<LightTruth>, CliError> {
     let path = sequence.join("light.json");
     if !path.exists() {
         return Ok(None);

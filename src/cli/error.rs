@@ -14,6 +14,7 @@ use kinlight::synth::SynthError;
 /// | 3 | `Sequence` | what is read of a recording: frames, poses, truth |
 /// | 4 | `Object` | models and scene files |
 /// | 5 | `Output` | everything that is written, made sequences and notes of finished runs included |
+/// | 6 | `Device` | cameras that cannot be opened or give nothing |
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
     #[error("{0}")]
@@ -24,6 +25,8 @@ pub enum CliError {
     Object(String),
     #[error("{0}")]
     Output(String),
+    #[error("{0}")]
+    Device(String),
     #[error("{0}")]
     Run(String),
     #[cfg(feature = "gpu")]
@@ -41,6 +44,7 @@ impl CliError {
             CliError::Sequence(_) => 3,
             CliError::Object(_) => 4,
             CliError::Output(_) => 5,
+            CliError::Device(_) => 6,
         }
     }
 
@@ -58,6 +62,7 @@ impl CliError {
             CliError::Sequence(_) => "sequence",
             CliError::Object(_) => "object",
             CliError::Output(_) => "output",
+            CliError::Device(_) => "device",
         }
     }
 }
@@ -83,6 +88,7 @@ impl From<ReplayError> for CliError {
         let text = error.to_string();
         match error {
             ReplayError::Capture(_) | ReplayError::NoFrames(_) => Self::Sequence(text),
+            ReplayError::NoLiveFrames => Self::Device(text),
             ReplayError::Output(_) => Self::Output(text),
             ReplayError::Pipeline(_) => Self::Run(text),
         }

@@ -3,15 +3,20 @@
 mod args;
 mod backend;
 mod commands;
+mod convert;
 #[cfg(feature = "gpu")]
 mod doctor;
 mod error;
+mod live;
 mod objects;
 #[cfg(feature = "gpu")]
 mod parity;
 mod pictures;
+mod record;
 mod report;
+mod run;
 mod setup;
+mod stream;
 mod study_composite;
 mod study_estimator;
 mod study_light;
@@ -29,6 +34,9 @@ pub fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Replay(args) => commands::replay(args, talk),
         Command::Compare(args) => commands::compare(args, talk),
+        Command::Stream(args) => stream::run(args, talk),
+        Command::Record(args) => record::run(args, talk),
+        Command::Convert(args) => convert::run(args, talk),
         Command::Info(args) => commands::info(args, talk),
         Command::Synth(args) => commands::synth(args, talk),
         Command::Study { study: Study::Light(args) } => study_light::run(args, talk),
@@ -88,5 +96,14 @@ impl Talk {
         );
         bar.set_style(style.expect("the template is a constant"));
         bar
+    }
+
+    /// A line that changes in place, for what has no end in sight.
+    fn status(self) -> indicatif::ProgressBar {
+        if self.quiet || self.json {
+            return indicatif::ProgressBar::hidden();
+        }
+        let style = indicatif::ProgressStyle::with_template("{prefix} {elapsed_precise}  {msg}");
+        indicatif::ProgressBar::no_length().with_style(style.expect("the template is a constant"))
     }
 }

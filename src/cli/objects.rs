@@ -1,7 +1,7 @@
 //! Which virtual objects a run gets: from the command line, from the sequence, or one of our own.
 
 use super::CliError;
-use super::args::SourceArgs;
+use super::args::ObjectArgs;
 use glam::{Vec2, Vec3};
 use kinlight::capture::FrameSource;
 use kinlight::scene::{Model, Placement, Similarity, SurfaceAnchor, VirtualObject, VirtualScene};
@@ -11,17 +11,21 @@ use std::sync::Arc;
 /// Where an object stands when nobody says: on the surface below the picture's centre.
 const DEFAULT_ANCHOR: [f32; 2] = [0.5, 0.6];
 
-pub fn scene(args: &SourceArgs, source: &dyn FrameSource) -> Result<VirtualScene, CliError> {
-    let object = &args.object;
+/// `sequence` is the recording, where there is one; `first` its first frame that is run.
+pub fn scene(
+    object: &ObjectArgs,
+    sequence: Option<&Path>,
+    first: usize,
+    source: &dyn FrameSource,
+) -> Result<VirtualScene, CliError> {
     if object.no_object {
         return Ok(VirtualScene::default());
     }
     if let Some(file) = &object.scene {
         return VirtualScene::load(file).map_err(bad);
     }
-    let first = args.frames.map_or(0, |f| f.first);
     if object.object.is_none() && object.at.is_none() && object.on.is_none() {
-        return of_sequence(&args.sequence, source, first, object.yaw, object.scale);
+        return own(sequence, source, first, object.yaw, object.scale);
     }
     let model = match &object.object {
         Some(file) => Model::load(file).map_err(bad)?,
@@ -47,9 +51,19 @@ pub fn of_sequence(
     yaw: f32,
     scale: f32,
 ) -> Result<VirtualScene, CliError> {
-    let own = sequence.join("scene.toml");
-    if own.exists() {
-        return VirtualScene::load(&own).map_err(bad);
+    own(Some(sequence), source, first, yaw, scale)
+}
+
+fn own(
+    sequence: Option<&Path>,
+    source: &dyn FrameSource,
+    first: usize,
+    yaw: f32,
+    scale: f32,
+) -> Result<VirtualScene, CliError> {
+    let file = sequence.map(|folder| folder.join("scene.toml")).filter(|file| file.exists());
+    if let Some(file) = file {
+        return VirtualScene::load(&file).map_err(bad);
     }
     let model = Arc::new(kinlight::synth::virtual_object::model());
     let placement = standing_at(default_pixel(source), first, yaw.to_radians(), scale);

@@ -46,7 +46,8 @@ pub fn run(args: &ParityArgs, talk: Talk) -> Result<(), CliError> {
     let choice = args.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
     let gpu = Gpu::open(&choice).map_err(|e| CliError::Usage(e.to_string()))?;
     let mut source = setup::open(&args.source)?;
-    let scene = objects::scene(&args.source, &source)?;
+    let first = args.source.frames.map_or(0, |frames| frames.first);
+    let scene = objects::scene(&args.source.object, Some(&args.source.sequence), first, &source)?;
 
     let bar = talk.progress(source.len().unwrap_or(0));
     bar.set_prefix("parity");

@@ -1,7 +1,7 @@
 //! From arguments to settings, sequence, threads and log.
 
 use super::CliError;
-use super::args::{Poses, ReadingArgs, RunArgs, SettingsArgs, SourceArgs};
+use super::args::{ComputeArgs, FrameRange, Poses, ReadingArgs, SettingsArgs, SourceArgs};
 use super::backend::Device;
 use kinlight::budget::{Governor, Ladder, Profile};
 use kinlight::capture::{CaptureOptions, Sequence, open_sequence};
@@ -60,7 +60,7 @@ fn adjust(settings: &mut Settings, changes: &SettingsArgs) -> Result<(), Setting
 
 /// What keeps the run's budget, where it has one. After [`start_threads`]: profiles name the number of
 /// threads.
-pub fn governor(run: &RunArgs, device: &Device) -> Result<Option<Governor>, CliError> {
+pub fn governor(run: &ComputeArgs, device: &Device) -> Result<Option<Governor>, CliError> {
     let Some(budget) = run.budget else { return Ok(None) };
     let usage = |e: kinlight::budget::BudgetError| CliError::Usage(e.to_string());
     let profile = Profile::find(run.profile.as_deref(), device.backend()).map_err(usage)?;
@@ -79,13 +79,21 @@ pub fn capture_options(reading: &ReadingArgs) -> CaptureOptions {
 }
 
 pub fn open(source: &SourceArgs) -> Result<Sequence, CliError> {
-    let mut options = capture_options(&source.reading);
-    if let Some(range) = source.frames {
+    open_recording(&source.sequence, &source.reading, source.frames)
+}
+
+pub fn open_recording(
+    folder: &Path,
+    reading: &ReadingArgs,
+    frames: Option<FrameRange>,
+) -> Result<Sequence, CliError> {
+    let mut options = capture_options(reading);
+    if let Some(range) = frames {
         options.first_frame = range.first;
         options.end_frame = range.end;
     }
-    let sequence = open_sequence(&source.sequence, &options)
-        .map_err(|e| CliError::Sequence(explain(&source.sequence, e)))?;
+    let sequence =
+        open_sequence(folder, &options).map_err(|e| CliError::Sequence(explain(folder, e)))?;
     for warning in &sequence.info().warnings {
         log::warn!("{warning}");
     }

@@ -33,6 +33,11 @@ impl LineWriter {
         Ok(())
     }
 
+    /// Waits until all lines are on the disk, so that they survive a power cut as well.
+    pub fn sync(&self) -> Result<(), OutputError> {
+        self.file.sync_all().map_err(|error| OutputError::io(&self.path, error))
+    }
+
     pub fn path(&self) -> &Path {
         &self.path
     }

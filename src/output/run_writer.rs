@@ -9,6 +9,7 @@ use crate::image::Image;
 use crate::lighting::LightChannels;
 use crate::pipeline::{Backend, BackendRecord, FrameOutcome, PipelineError};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Rows of `environment.hdr`; it is twice as wide.
 const ENVIRONMENT_HEIGHT: usize = 256;
@@ -121,10 +122,12 @@ impl RunWriter {
         self.setting.push_str(name);
     }
 
+    /// `age`: how long a camera's frame had waited when its processing began.
     pub fn frame(
         &mut self,
         pipeline: &dyn Backend,
         outcome: &FrameOutcome,
+        age: Option<Duration>,
     ) -> Result<(), OutputError> {
         let name = format!("{:06}.png", outcome.index);
         if self.plan.frames {
@@ -148,7 +151,7 @@ impl RunWriter {
         if let (Some(trajectory), true) = (&mut self.trajectory, outcome.composed) {
             trajectory.push(outcome.timestamp_s, &outcome.tracking.world_from_camera)?;
         }
-        let timing = frame_timing(outcome, &self.setting);
+        let timing = frame_timing(outcome, age, &self.setting);
         if let Some(log) = &mut self.timings_log {
             log.push(&timing)?;
         }
@@ -225,11 +228,12 @@ fn light_record(outcome: &FrameOutcome, channels: LightChannels) -> LightRecord 
     }
 }
 
-fn frame_timing(outcome: &FrameOutcome, setting: &str) -> FrameTiming {
+fn frame_timing(outcome: &FrameOutcome, age: Option<Duration>, setting: &str) -> FrameTiming {
     FrameTiming {
         frame: outcome.index,
         timestamp_s: outcome.timestamp_s,
         duration: outcome.duration,
+        age,
         stages: outcome.times,
         position_m: outcome.tracking.world_from_camera.translation.vector.into(),
         state: outcome.tracking.state,

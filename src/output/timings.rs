@@ -19,6 +19,8 @@ pub struct FrameTiming {
     pub timestamp_s: f64,
     /// From asking for the frame to having its result, what lies between the stages included.
     pub duration: Duration,
+    /// From the arrival of a camera's frame to the begin of its processing; recordings have none.
+    pub age: Option<Duration>,
     pub stages: StageTimes,
     /// Camera centre in world axes.
     pub position_m: [f64; 3],
@@ -27,8 +29,8 @@ pub struct FrameTiming {
     pub setting: String,
 }
 
-/// One line a frame: `frame,timestamp,duration_ms,<stages>,x,y,z,state,setting`, stages in
-/// milliseconds.
+/// One line a frame: `frame,timestamp,duration_ms,<stages>,x,y,z,state,age_ms,setting`, stages in
+/// milliseconds; the age is empty for recordings.
 #[derive(Debug)]
 pub struct TimingsLog {
     lines: LineWriter,
@@ -38,7 +40,7 @@ impl TimingsLog {
     pub fn create(path: &Path) -> Result<Self, OutputError> {
         let mut lines = LineWriter::create(path)?;
         let stages = Stage::ALL.map(Stage::name).join(",");
-        lines.push(&format!("frame,timestamp,duration_ms,{stages},x,y,z,state,setting"))?;
+        lines.push(&format!("frame,timestamp,duration_ms,{stages},x,y,z,state,age_ms,setting"))?;
         Ok(Self { lines })
     }
 
@@ -46,8 +48,9 @@ impl TimingsLog {
         let FrameTiming { frame, timestamp_s, duration, stages, state, setting, .. } = timing;
         let [x, y, z] = timing.position_m;
         let stages = Stage::ALL.map(|s| format!("{:.4}", ms(stages.get(s)))).join(",");
+        let age = timing.age.map_or(String::new(), |age| format!("{:.4}", ms(age)));
         self.lines.push(&format!(
-            "{frame},{timestamp_s:.6},{:.4},{stages},{x:.6},{y:.6},{z:.6},{},{}",
+            "{frame},{timestamp_s:.6},{:.4},{stages},{x:.6},{y:.6},{z:.6},{},{age},{}",
             ms(*duration),
             state_name(*state),
             csv_field(setting)
@@ -76,6 +79,9 @@ pub struct TimingSummary {
     /// Sum of the stages of a frame.
     pub update: Quantiles,
     pub duration: Quantiles,
+    /// From the arrival of a camera's frame to the begin of its processing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub age: Option<Quantiles>,
     #[serde(serialize_with = "by_name", deserialize_with = "from_names")]
     stages: [Quantiles; Stage::ALL.len()],
     /// What computed; not in older files.
@@ -97,6 +103,7 @@ impl TimingSummary {
             fps: 1000.0 / update.median_ms,
             update,
             duration: over_frames(&|t| t.duration),
+            age: Quantiles::of(measured.iter().filter_map(|t| t.age.map(ms))),
             stages: Stage::ALL.map(|stage| over_frames(&|t| t.stages.get(stage))),
             backend: None,
         })
@@ -243,6 +250,7 @@ mod tests {
                     frame,
                     timestamp_s: 0.5 * frame as f64,
                     duration: stages.update() + Duration::from_micros(500),
+                    age: (frame > 0).then(|| Duration::from_millis(frame as u64)),
                     stages,
                     position_m: [0.1, -0.2, 1.5],
                     state: TrackingState::Tracking,
@@ -265,13 +273,14 @@ mod tests {
         assert_eq!(
             lines[0],
             "frame,timestamp,duration_ms,Input,Reconstruct,Surface,DynGeo,RadTransfer,LightEst,\
-             Rendering,x,y,z,state,setting"
+             Rendering,x,y,z,state,age_ms,setting"
         );
         assert_eq!(
             lines[2],
             "1,0.500000,56.5000,2.0000,4.0000,6.0000,8.0000,10.0000,12.0000,14.0000,\
-             0.100000,-0.200000,1.500000,tracking,ours"
+             0.100000,-0.200000,1.500000,tracking,1.0000,ours"
         );
+        assert!(lines[1].ends_with("tracking,,ours"), "a frame of a recording: {}", lines[1]);
         assert_eq!(lines.len(), 3);
     }
 
@@ -293,6 +302,9 @@ mod tests {
         assert!((summary.update.median_ms - 28.0 * 51.5).abs() < 1e-9);
         assert!((summary.duration.median_ms - 28.0 * 51.5 - 0.5).abs() < 1e-9);
         assert!((summary.fps - 1000.0 / (28.0 * 51.5)).abs() < 1e-12);
+        let age = summary.age.unwrap();
+        assert!((age.median_ms, age.max_ms) == (50.5, 100.0), "{age:?}");
+        assert!(TimingSummary::new(&timings(1), 0).unwrap().age.is_none());
         assert!(TimingSummary::new(&timings(3), 3).is_none());
         assert!(TimingSummary::new(&timings(3), 9).is_none());
         let one = TimingSummary::new(&timings(1), 0).unwrap().stage(Stage::Surface);

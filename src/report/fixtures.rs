@@ -227,6 +227,7 @@ pub fn timings(stages_ms: [f64; 7]) -> TimingSummary {
             frame,
             timestamp_s: frame as f64 / 30.0,
             duration: stages.update(),
+            age: None,
             stages,
             position_m: [0.0; 3],
             state: TrackingState::Tracking,

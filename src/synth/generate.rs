@@ -6,7 +6,7 @@ use super::scene::{Placed, Scene};
 use super::tracer::{CentreHits, Shot, World, render_centres, render_radiance};
 use super::truth::{self, Segment};
 use super::{glb, kinect};
-use crate::capture::writer::{DepthCompression, FrameRef, TumWriter, encode_depth, write_whole};
+use crate::capture::writer::{DepthCompression, DepthFormat, FrameRef, TumWriter, write_whole};
 use crate::image::{Image, Size};
 use crate::math::affine_from_pose;
 use glam::{Vec3, Vec3A};
@@ -145,7 +145,8 @@ fn write_composite(
     let suffix = format!(".{}", options.color.extension());
     write(&suffix, options.color.encode(&picture))?;
     write(".mask.png", encode_grey(&mask, picture.size()))?;
-    write(".depth.png", encode_depth(&hits.depth_m, DepthCompression::Small))
+    let exact = DepthFormat { compression: DepthCompression::Small, ..DepthFormat::default() };
+    write(".depth.png", exact.encode(&hits.depth_m))
 }
 
 fn encode_grey(pixels: &[u8], size: Size) -> image::ImageResult<Vec<u8>> {

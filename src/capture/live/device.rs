@@ -38,6 +38,9 @@ pub enum DeviceError {
     /// One frame is no good; the next may be.
     #[error("{0}")]
     BadFrame(String),
+    /// A recording that is played as a device has come to its end, which is no fault.
+    #[error("the recording has come to its end")]
+    Ended,
 }
 
 /// Opens a device, again where it was lost.

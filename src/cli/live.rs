@@ -1,0 +1,143 @@
+//! What the commands for cameras share: which device, for how long, and Ctrl-C.
+
+use super::CliError;
+use clap::Args;
+use kinlight::capture::live::{Delivery, LiveOptions, LiveSource, Monitor, drivers};
+use std::collections::VecDeque;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+#[derive(Debug, Args)]
+pub struct DeviceArgs {
+    /// The camera: play:FOLDER plays a recording as one.
+    #[arg(long, value_name = "URI")]
+    pub device: String,
+    /// End after this long (ms, s, min or h).
+    #[arg(long, value_name = "30s", value_parser = parse_time)]
+    pub duration: Option<Duration>,
+    /// End after this many frames.
+    #[arg(long, value_name = "N")]
+    pub frames: Option<NonZeroUsize>,
+    /// Drop nothing: the device waits until a frame is wanted (for recordings that are played; a camera
+    /// would fall behind).
+    #[arg(long)]
+    pub every_frame: bool,
+    /// Open the device again when no frame has come for this long.
+    #[arg(long, value_name = "2s", value_parser = parse_time, default_value = "2s")]
+    pub stall: Duration,
+    /// End when the device stays away for this long [default: wait for it].
+    #[arg(long, value_name = "60s", value_parser = parse_time)]
+    pub give_up_after: Option<Duration>,
+    /// Lose a played device before each of these frames: the way to try what a run does then.
+    #[arg(long, value_name = "FRAME", value_delimiter = ',', hide = true)]
+    pub lose_device_at: Vec<usize>,
+}
+
+/// A camera that is running.
+pub struct Camera {
+    pub source: LiveSource,
+    /// The recording that is played.
+    pub recording: Option<PathBuf>,
+}
+
+impl DeviceArgs {
+    /// Opens the camera; Ctrl-C ends it from now on. `capacity`: frames that may wait for the run.
+    pub fn open(&self, capacity: usize) -> Result<Camera, CliError> {
+        let asked = drivers::DeviceOptions {
+            unpaced: self.every_frame,
+            lose_at: self.lose_device_at.clone(),
+        };
+        let named =
+            drivers::find(&self.device, &asked).map_err(|e| CliError::Usage(e.to_string()))?;
+        let options = LiveOptions {
+            delivery: match self.every_frame {
+                true => Delivery::Every,
+                false => Delivery::Newest { capacity },
+            },
+            stall: self.stall,
+            give_up_after: self.give_up_after,
+            most_frames: self.frames.map(NonZeroUsize::get),
+            most_time: self.duration,
+            ..LiveOptions::default()
+        };
+        let source = LiveSource::open(named.driver, options)
+            .map_err(|e| CliError::Device(format!("{}: {e}", self.device)))?;
+        let info = source.info();
+        log::info!("camera {}: {} {}, {}", info.uri, info.vendor, info.name, info.modes.join(", "));
+        for note in &info.notes {
+            log::debug!("camera: {note}");
+        }
+        end_on_interrupt(source.monitor())?;
+        Ok(Camera { source, recording: named.recording })
+    }
+}
+
+/// The first Ctrl-C (or termination) ends the run as its last frame would; the second ends the program.
+fn end_on_interrupt(monitor: Monitor) -> Result<(), CliError> {
+    let asked = AtomicBool::new(false);
+    ctrlc::set_handler(move || {
+        if asked.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        log::info!("ending: what belongs to the end is written now (again: stop at once)");
+        monitor.stop();
+    })
+    .map_err(|error| CliError::Run(format!("Ctrl-C cannot be caught: {error}")))
+}
+
+/// A number with ms, s, min or h behind it, up to a year.
+fn parse_time(text: &str) -> Result<Duration, String> {
+    let text = text.trim();
+    let units = [("ms", 1e-3), ("min", 60.0), ("s", 1.0), ("h", 3600.0)];
+    let split = units.iter().find_map(|(name, s)| text.strip_suffix(name).map(|n| (n, s)));
+    let (number, unit_s) = split.ok_or("a unit is needed: ms, s, min or h")?;
+    let number: f64 = number.trim_end().parse().map_err(|_| format!("'{number}' is no number"))?;
+    let seconds = number * unit_s;
+    match seconds > 0.0 && seconds <= 366.0 * 86_400.0 {
+        true => Ok(Duration::from_secs_f64(seconds)),
+        false => Err("it must be above 0 and at most a year".into()),
+    }
+}
+
+/// Frames a second over the last second.
+#[derive(Default)]
+pub struct Rate {
+    at: VecDeque<Instant>,
+}
+
+impl Rate {
+    /// Counts a frame.
+    pub fn tick(&mut self) {
+        let now = Instant::now();
+        self.at.push_back(now);
+        while self.at.front().is_some_and(|at| now.duration_since(*at) > Duration::from_secs(1)) {
+            self.at.pop_front();
+        }
+    }
+
+    pub fn per_second(&self) -> f64 {
+        match (self.at.front(), self.at.back()) {
+            (Some(first), Some(last)) if last > first => {
+                (self.at.len() - 1) as f64 / last.duration_since(*first).as_secs_f64()
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_units() {
+        for (text, ms) in [("250ms", 250), ("1.5s", 1500), ("2 min", 120_000), ("1h", 3_600_000)] {
+            assert_eq!(parse_time(text), Ok(Duration::from_millis(ms)), "{text}");
+        }
+        for bad in ["5", "s", "-1s", "0s", "nans", "infs", "9e9h", ""] {
+            assert!(parse_time(bad).is_err(), "{bad}");
+        }
+    }
+}
