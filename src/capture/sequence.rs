@@ -67,6 +67,8 @@ pub struct SequenceInfo {
     pub registered: bool,
     /// Whether frames are undistorted as they are read.
     pub undistorted: bool,
+    /// Whether response, vignetting or primaries of the camera are undone as frames are read.
+    pub light_corrected: bool,
     /// Where recorded poses are from.
     pub poses_from: Option<String>,
     pub frames_with_pose: usize,
@@ -155,7 +157,13 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
     let (color_size, depth_size) = picture_sizes(&entries[options.first_frame..end])?;
     let (calibration, camera_from) =
         find_calibration(path, layout, color_size, options, &mut warnings)?;
+    if calibration.disparity.is_some() && options.depth_factor.is_some() {
+        return Err(CaptureError::Sequence(format!(
+            "the depth pictures are disparities ({camera_from}): no depth factor applies"
+        )));
+    }
     let (depth_factor, depth_factor_from) = match (options.depth_factor, calibration.depth_factor) {
+        _ if calibration.disparity.is_some() => (1.0, format!("disparities, {camera_from}")),
         (Some(given), _) => (given, "given".to_owned()),
         (None, Some(factor)) => (factor, camera_from.clone()),
         (None, None) => (layout.usual_depth_factor(), format!("usual for layout {layout}")),
@@ -190,6 +198,7 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
         camera_from,
         registered: calibration.registered,
         undistorted: rig.undistorts(),
+        light_corrected: rig.corrects_light(),
         poses_from: listing.poses,
         frames_with_pose: entries.iter().filter(|e| e.pose.is_some()).count(),
         warnings,
