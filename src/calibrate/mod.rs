@@ -15,6 +15,8 @@ pub mod disparity;
 #[cfg(feature = "opencv")]
 pub mod extrinsics;
 #[cfg(feature = "opencv")]
+pub mod geometry;
+#[cfg(feature = "opencv")]
 pub mod intrinsics;
 mod levenberg;
 pub mod pictures;
