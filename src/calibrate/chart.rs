@@ -251,8 +251,8 @@ mod tests {
             found.delta_e_before,
             found.delta_e_after
         );
-        // Rounding to codes moves a dark patch's mean by up to 1 %, inverse rows reach 1.6.
-        assert!(error.amax() < 0.03, "{error}");
+        // Measured 0.0025: rounding and noise of the patches' means, inverse rows reach 1.6.
+        assert!(error.amax() < 0.01, "{error}");
         assert!(found.delta_e_after < 0.5 && found.delta_e_before > 5.0, "{found:?}");
     }
 

@@ -198,9 +198,8 @@ mod tests {
             .map(|r2| (found.vignetting.share(r2) / truth.share(r2) - 1.0).abs())
             .fold(0.0, f64::max);
         println!("worst relative error of the fall-off {worst:.5}, rms {:.5}", found.rms);
-        // 2 % of noise over 768 values a cell, 300 cells a picture: 1e-3 where the cells are, and some
-        // times that in the outermost corner, which no cell's middle reaches.
-        assert!(worst < 5e-3, "{worst} {:?}", found.vignetting);
+        // 2 % of noise over 768 values a cell and 300 cells a picture leave some 1e-4; measured 2.3e-4.
+        assert!(worst < 1e-3, "{worst} {:?}", found.vignetting);
         assert!((found.corner / truth.share(1.0) - 1.0).abs() < 0.01);
     }
 

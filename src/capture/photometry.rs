@@ -80,7 +80,9 @@ pub(crate) fn gain(photometry: &Photometry, x: usize, y: usize, size: Size) -> f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::calibration::{Response, Vignetting};
+    use crate::capture::Calibration;
+    use crate::capture::calibration::{Response, Vignetting, built_in};
+    use crate::capture::made_sequences::Made;
 
     const SIZE: Size = Size::new(67, 43);
 
@@ -116,6 +118,32 @@ mod tests {
         // Half a code of each recorded channel, times matrix and gain (at most 1.3 + 0.3 and 1.7 of a
         // curve as steep as sRGB's): 1.4, and half a code of the result.
         assert!(worst <= 2, "{worst}");
+    }
+
+    #[test]
+    fn a_recording_is_delivered_as_its_calibration_says() {
+        let made = Made::new();
+        let size = Size::new(160, 120);
+        made.color("rgb/0.png", size);
+        made.flat_depth("depth/0.png");
+        made.write("rgb.txt", "0.0 rgb/0.png\n");
+        made.write("depth.txt", "0.0 depth/0.png\n");
+        let mut calibration = built_in("kinect_v1").unwrap();
+        calibration.color = calibration.color.scaled_to(size).unwrap();
+        let frame = |calibration: &Calibration| {
+            made.write("calibration.toml", calibration.to_toml().unwrap());
+            let mut sequence = made.open().unwrap();
+            assert_eq!(sequence.info().light_corrected, !calibration.photometry.is_none());
+            sequence.frame(0).unwrap().color
+        };
+        let plain = frame(&calibration);
+        let swap = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        calibration.photometry.color_matrix = Some(swap);
+        let swapped = frame(&calibration);
+        assert_eq!(plain[(9, 50)], [9, 50, 77]);
+        for (a, b) in plain.as_slice().iter().zip(swapped.as_slice()) {
+            assert_eq!([a[1], a[0], a[2]], *b);
+        }
     }
 
     #[test]

@@ -34,7 +34,7 @@ pub struct ResponseArgs {
     /// Text file: a picture and its exposure time in seconds in each line.
     pub list: PathBuf,
     #[command(flatten)]
-    into: Into,
+    into: Destination,
     /// Weight of the curve's smoothness.
     #[arg(long, default_value_t = ResponseOptions::default().smoothness)]
     smoothness: f64,
@@ -51,7 +51,7 @@ pub struct VignettingArgs {
     #[arg(required = true)]
     pub pictures: Vec<PathBuf>,
     #[command(flatten)]
-    into: Into,
+    into: Destination,
 }
 
 /// Colour matrix from a picture of a chart of 24 patches (ColorChecker Classic).
@@ -72,17 +72,17 @@ pub struct ColorArgs {
     #[arg(long, value_name = "FILE.csv")]
     reference: Option<PathBuf>,
     #[command(flatten)]
-    into: Into,
+    into: Destination,
 }
 
 #[derive(Debug, Args)]
-struct Into {
+struct Destination {
     /// Calibration that gets the result; it must be there.
     #[arg(long, value_name = "FILE.toml")]
     into: PathBuf,
 }
 
-impl Into {
+impl Destination {
     fn read(&self) -> Result<Calibration, CliError> {
         Calibration::read(&self.into, None).map_err(|e| CalibrateError::from(e).into())
     }

@@ -53,9 +53,9 @@ fn the_curve_is_found_to_a_percent_under_noise() {
         let worst = (12..=243).map(|z| error(z).abs()).fold(0.0, f64::max);
         let rms = ((12..=243).map(|z| error(z).powi(2)).sum::<f64>() / 232.0).sqrt();
         println!("channel {channel}: rms {:.3} %, worst {:.3} %", 100.0 * rms, 100.0 * worst);
-        assert!(rms < 0.01, "channel {channel}: {rms}");
-        // Code 12 is known to 8 % from one exposure; a dozen thousand pixels average it.
-        assert!(worst < 0.03, "channel {channel}: {worst}");
+        assert!(rms < 0.005, "channel {channel}: {rms}");
+        // The worst codes are the darkest, which a single exposure knows to 8 %; measured 1.0 to 1.5 %.
+        assert!(worst < 0.02, "channel {channel}: {worst}");
         assert!(curve.windows(2).all(|w| w[0] <= w[1]) && curve[255] == 1.0);
     }
 }
