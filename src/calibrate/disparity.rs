@@ -3,7 +3,8 @@
 //!
 //! After Herrera, Kannala and Heikkila 2012, without their spatial distortion of disparities: the board
 //! of each colour picture is a plane in colour camera axes, and every disparity on it must be the
-//! plane's. The region of the plane starts as the board's outline and grows over what fits.
+//! plane's. The region of the plane starts as the board's outline and grows over what fits. What few
+//! planes leave open is held near what all sensors of the kind share ([`SPREAD`]).
 
 use super::CalibrateError;
 use super::board::{Board, PosedView};
@@ -22,6 +23,12 @@ const UNKNOWNS: usize = 12;
 const STEP: usize = 3;
 /// Disparities farther from the plane do not belong to it. A Kinect's uncorrected distortion is 2 to 3.
 const ON_PLANE: f64 = 4.0;
+/// How far sensors differ from the nominal one, one standard deviation: pixels (of 640), radians,
+/// metres, and the coefficients of the disparity.
+const SPREAD: [f64; UNKNOWNS] =
+    [15.0, 15.0, 10.0, 10.0, 0.02, 0.02, 0.02, 5e-3, 5e-3, 5e-3, 0.05, 5e-5];
+/// Disparities of one picture share the distortion of its sensor: they weigh as many independent ones.
+const INDEPENDENT: f64 = 25.0;
 /// Residuals beyond count linearly.
 const HUBER: f64 = 1.0;
 
@@ -36,6 +43,8 @@ pub struct FoundDepthCamera {
     pub depth: CameraModel,
     pub color_from_depth: Pose,
     pub disparity: Disparity,
+    /// One standard deviation of fx, fy, cx, cy in pixels.
+    pub deviation_px: [f64; 4],
     /// Of measured less predicted disparity.
     pub rms: f64,
     /// The same of each view, and the pixels used of it.
@@ -55,7 +64,8 @@ pub fn find_depth_camera(
     }
     let mut at = nominal(size);
     let mut samples = Vec::new();
-    let mut cost = f64::INFINITY;
+    let nominal = at.clone();
+    let mut last = Normal::new(UNKNOWNS);
     for round in 0..5 {
         samples.clear();
         for (number, view) in views.iter().enumerate() {
@@ -70,15 +80,22 @@ pub fn find_depth_camera(
             return Err(CalibrateError::Data(problem.into()));
         }
         let limit = if round == 0 { 5.0 } else { HUBER };
-        let (solved, normal) = minimise(at, 60, |p| normal_equations(p, views, &samples, limit));
-        check_determined(&normal)?;
+        let (solved, normal) = minimise(at, 60, |p| {
+            let mut normal = normal_equations(p, views, &samples, limit);
+            add_spread(&mut normal, p, &nominal, weight(&samples, views), size);
+            normal
+        });
         at = solved;
-        cost = normal.cost;
+        last = normal;
     }
-    if !cost.is_finite() {
-        return Err(CalibrateError::Data("the depth camera was not found".into()));
-    }
-    Ok(found(&at, views, &samples, size))
+    check_determined(&normal_equations(&at, views, &samples, HUBER))?;
+    let covariance = last.matrix.try_inverse().filter(|c| c.iter().all(|v| v.is_finite()));
+    let covariance =
+        covariance.ok_or(CalibrateError::Data("the depth camera was not found".into()))?;
+    let mut found = found(&at, views, &samples, size);
+    let share = weight(&samples, views) * found.rms.powi(2);
+    found.deviation_px = std::array::from_fn(|k| (share * covariance[(k, k)].max(0.0)).sqrt());
+    Ok(found)
 }
 
 struct Sample {
@@ -248,6 +265,29 @@ fn normal_equations(
     normal
 }
 
+/// Disparities for each independent one.
+fn weight(samples: &[Sample], views: &[DisparityView]) -> f64 {
+    (samples.len() as f64 / (INDEPENDENT * views.len() as f64)).max(1.0)
+}
+
+/// The spread of sensors as further residuals, of a unit of disparity at one standard deviation.
+fn add_spread(
+    normal: &mut Normal,
+    p: &DVector<f64>,
+    nominal: &DVector<f64>,
+    weight: f64,
+    size: Size,
+) {
+    for k in 0..UNKNOWNS {
+        let pixels = if k < 4 { size.width as f64 / 640.0 } else { 1.0 };
+        let spread = pixels * SPREAD[k];
+        let off = (p[k] - nominal[k]) / spread;
+        normal.cost += weight * off * off;
+        normal.gradient[k] += weight * off / spread;
+        normal.matrix[(k, k)] += weight / (spread * spread);
+    }
+}
+
 /// The correlation of the parameters must leave digits.
 fn check_determined(normal: &Normal) -> Result<(), CalibrateError> {
     let scale: Vec<f64> = (0..UNKNOWNS).map(|i| normal.matrix[(i, i)].sqrt()).collect();
@@ -281,6 +321,7 @@ fn found(
         depth: camera(p, size),
         color_from_depth: color_from_depth(p),
         disparity: Disparity { c0: p[10], c1: p[11] },
+        deviation_px: [0.0; 4],
         rms: root(square, count),
         views: sums.into_iter().map(|(square, count)| (root(square, count), count)).collect(),
     }

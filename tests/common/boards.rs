@@ -25,8 +25,7 @@ impl Eye {
             .flat_map_iter(|j| (0..per_row).map(move |i| (i, j)))
             .map(|(i, j)| {
                 let place = |k: usize| (k as f64 + 0.5) / SIDE as f64 - 0.5;
-                let (xd, yd) =
-                    ((place(i) - model.cx) / model.fx, (place(j) - model.cy) / model.fy);
+                let (xd, yd) = ((place(i) - model.cx) / model.fx, (place(j) - model.cy) / model.fy);
                 let (x, y) = model.distortion.undistort(xd, yd).unwrap_or((f64::NAN, f64::NAN));
                 [x as f32, y as f32]
             })
@@ -86,7 +85,11 @@ pub fn chessboard(columns: usize, rows: usize, square_m: f64) -> impl Fn(f64, f6
 }
 
 /// A drawn board of this many squares, half a square of margin, its lower left corner at the origin.
-pub fn drawn(board: &Image<u8>, squares: (usize, usize), square_m: f64) -> impl Fn(f64, f64) -> f64 + Sync {
+pub fn drawn(
+    board: &Image<u8>,
+    squares: (usize, usize),
+    square_m: f64,
+) -> impl Fn(f64, f64) -> f64 + Sync {
     let (width, height) = (squares.0 as f64 + 1.0, squares.1 as f64 + 1.0);
     move |x, y| {
         let (u, v) = (x / square_m + 0.5, squares.1 as f64 + 0.5 - y / square_m);
@@ -99,12 +102,20 @@ pub fn drawn(board: &Image<u8>, squares: (usize, usize), square_m: f64) -> impl 
 }
 
 /// Poses that show the middle of the board somewhere in the picture, slanted up to `slant` radians.
-pub fn poses(count: usize, middle: [f64; 2], distance_m: f64, slant: f64, aside: f64, seed: u32) -> Vec<Pose> {
+pub fn poses(
+    count: usize,
+    middle: [f64; 2],
+    distance_m: f64,
+    slant: f64,
+    aside: f64,
+    seed: u32,
+) -> Vec<Pose> {
     let mut rng = Rng::new(&[seed]);
     let mut within = |reach: f64| reach * (2.0 * f64::from(rng.uniform()) - 1.0);
     (0..count)
         .map(|_| {
-            let turn = UnitQuaternion::from_euler_angles(within(slant), within(slant), within(0.25));
+            let turn =
+                UnitQuaternion::from_euler_angles(within(slant), within(slant), within(0.25));
             let z = distance_m * (1.0 + within(0.2));
             let to = Vector3::new(within(aside) * z, within(0.75 * aside) * z, z);
             let middle = turn * Vector3::new(middle[0], middle[1], 0.0);

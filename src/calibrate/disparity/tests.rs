@@ -86,6 +86,11 @@ fn the_depth_camera_is_found_from_noisy_planes() {
     // Noise of half a unit and rounding: sqrt(0.25 + 1/12) = 0.58.
     assert!((0.5..0.66).contains(&found.rms), "{}", found.rms);
     assert!(focal < 5e-3 && depth < 1e-3);
+    assert!(
+        found.deviation_px.iter().all(|d| (1e-3..15.0).contains(d)),
+        "{:?}",
+        found.deviation_px
+    );
     assert!(off.rotation.angle().to_degrees() < 0.1);
     assert!(off.translation.vector.norm() < 2e-3);
 }

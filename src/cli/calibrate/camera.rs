@@ -158,7 +158,9 @@ fn describe(board: &Board, outcome: &Outcome, talk: Talk) {
             describe_refused(&found.refused, talk);
         }
         Some(DepthReport::Disparity(found, keys)) => {
+            let d = found.deviation_px;
             talk.say(format!("depth: {}", lens(&found.depth)));
+            talk.say(format!("  +- {:.2} {:.2} {:.2} {:.2} px", d[0], d[1], d[2], d[3]));
             talk.say(place(&found.color_from_depth));
             let (c0, c1) = (found.disparity.c0, found.disparity.c1);
             talk.say(format!("z = 1 / ({c0:.5} + {c1:.7} d), {:.2} units RMS", found.rms));
@@ -221,6 +223,7 @@ fn as_json(board: &Board, outcome: &Outcome) -> Value {
         }),
         DepthReport::Disparity(found, keys) => json!({
             "rms": found.rms,
+            "deviation_px": found.deviation_px,
             "views": keys.iter().zip(&found.views).collect::<Vec<_>>(),
         }),
     });
