@@ -130,6 +130,13 @@ fn one_camera(
     let found = find_camera(board, &views, size, model)?;
     refused.extend(found.outliers.iter().map(|(_, refused)| refused.clone()));
     let coverage = coverage(board, &found, size);
+    if coverage.share < 0.5 {
+        log::warn!(
+            "{}: corners in {:.0} % of the picture; where there are none, the lens is a guess",
+            pattern.display(),
+            100.0 * coverage.share
+        );
+    }
     Ok(CameraReport { found, refused, coverage })
 }
 

@@ -223,12 +223,6 @@ fn what_is_no_recording_says_so() {
         cx = 79.5\ncy = 59.5\n[photometry.vignetting]\ncenter = [0.5, 0.5]\nfalloff = [-9.0, 0.0, 0.0]\n";
     made.write("calibration.toml", no_lens);
     assert!(made.open().unwrap_err().to_string().contains("vignetting"));
-    let disparities = no_lens.split("[photometry").next().unwrap().to_owned()
-        + "[disparity]\nc0 = 3.0\nc1 = -0.003\n";
-    made.write("calibration.toml", &disparities);
-    assert!(
-        open(CaptureOptions { depth_factor: Some(1000.0), ..default() }).contains("disparities")
-    );
     made.write("calibration.toml", "name = 3");
     assert!(made.open().unwrap_err().to_string().contains("calibration.toml"));
 }

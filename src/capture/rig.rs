@@ -178,6 +178,9 @@ fn metres_from_stored(stored: &Image<u16>, units: Units, invalid: &[u16], out: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::calibration::built_in;
+    use crate::capture::made_sequences::Made;
+    use crate::capture::{CaptureOptions, open_sequence};
 
     #[test]
     fn invalid_values_are_missing_and_others_exact() {
@@ -196,5 +199,27 @@ mod tests {
         metres_from_stored(&stored, Units::Disparity(&table), &[2047], &mut out);
         assert_eq!(out.as_slice(), [0.5, 1.0, 0.0, 0.0]);
         assert!((disparity.of_depth(0.5) - 400.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_recording_of_disparities_is_delivered_in_metres_unless_a_factor_is_given() {
+        let made = Made::new();
+        let size = Size::new(160, 120);
+        made.color("rgb/0.png", size);
+        // Stored as 800.
+        made.depth("depth/0.png", &Image::new(size, 0.8), 1000.0);
+        made.write("rgb.txt", "0.0 rgb/0.png\n");
+        made.write("depth.txt", "0.0 depth/0.png\n");
+        let mut calibration = built_in("kinect_v1").unwrap();
+        calibration.color = calibration.color.scaled_to(size).unwrap();
+        calibration.disparity = Some(Disparity { c0: 3.0, c1: -0.0025 });
+        made.write("calibration.toml", calibration.to_toml().unwrap());
+        let mut sequence = made.open().unwrap();
+        assert!(sequence.info().depth_factor_from.contains("disparities"));
+        assert_eq!(sequence.frame(0).unwrap().depth_m[(80, 60)], 1.0);
+        let options = CaptureOptions { depth_factor: Some(1000.0), ..CaptureOptions::default() };
+        let mut sequence = open_sequence(made.path(), &options).unwrap();
+        assert!(sequence.info().warnings.iter().any(|w| w.contains("not as disparities")));
+        assert_eq!(sequence.frame(0).unwrap().depth_m[(80, 60)], 0.8);
     }
 }

@@ -155,12 +155,12 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
         return Err(CaptureError::Sequence(format!("frames {first}..{end} of {pairs} are none")));
     }
     let (color_size, depth_size) = picture_sizes(&entries[options.first_frame..end])?;
-    let (calibration, camera_from) =
+    let (mut calibration, camera_from) =
         find_calibration(path, layout, color_size, options, &mut warnings)?;
-    if calibration.disparity.is_some() && options.depth_factor.is_some() {
-        return Err(CaptureError::Sequence(format!(
-            "the depth pictures are disparities ({camera_from}): no depth factor applies"
-        )));
+    if options.depth_factor.is_some() && calibration.disparity.take().is_some() {
+        warnings.push(format!(
+            "depth pictures are read as distances, as the depth factor says, not as disparities ({camera_from})"
+        ));
     }
     let (depth_factor, depth_factor_from) = match (options.depth_factor, calibration.depth_factor) {
         _ if calibration.disparity.is_some() => (1.0, format!("disparities, {camera_from}")),

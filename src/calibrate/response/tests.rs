@@ -54,8 +54,8 @@ fn the_curve_is_found_to_a_percent_under_noise() {
         let rms = ((12..=243).map(|z| error(z).powi(2)).sum::<f64>() / 232.0).sqrt();
         println!("channel {channel}: rms {:.3} %, worst {:.3} %", 100.0 * rms, 100.0 * worst);
         assert!(rms < 0.005, "channel {channel}: {rms}");
-        // The worst codes are the darkest, which a single exposure knows to 8 %; measured 1.0 to 1.5 %.
-        assert!(worst < 0.02, "channel {channel}: {worst}");
+        // The worst codes are the darkest, which a single exposure knows to 8 %; measured up to 1 %.
+        assert!(worst < 0.015, "channel {channel}: {worst}");
         assert!(curve.windows(2).all(|w| w[0] <= w[1]) && curve[255] == 1.0);
     }
 }
