@@ -44,6 +44,7 @@ pub mod study;
 pub mod report;
 
 pub mod budget;
+pub mod calibrate;
 pub mod config;
 #[cfg(feature = "gpu")]
 pub mod gpu;

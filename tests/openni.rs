@@ -194,8 +194,7 @@ fn without_the_devices_registration_the_calibrations_is_used() {
             assert_eq!(device.camera(), known.color.pinhole());
             let transform = known.color_from_depth.unwrap().pose().unwrap();
             let depth = known.depth.unwrap();
-            let mut expected =
-                Registration::new(&depth, known.color.pinhole(), &transform).unwrap();
+            let mut expected = Registration::new(&depth, known.color.pinhole(), &transform);
             for k in 0..3 {
                 let frame = next(&mut *device).unwrap();
                 let metres = slope(3).frames[k].0.iter().map(|&d| f32::from(d) / 1000.0).collect();

@@ -219,10 +219,10 @@ fn what_is_no_recording_says_so() {
     assert!(
         open(CaptureOptions { depth_list: Some("../x".into()), ..default() }).contains("outside")
     );
-    let fisheye = "name = \"f\"\nregistered = true\n[color]\nwidth = 160\nheight = 120\nfx = 100.0\nfy = 100.0\n\
-        cx = 79.5\ncy = 59.5\n[color.distortion]\nmodel = \"kannala-brandt\"\nk1 = 0.1\nk2 = 0.0\nk3 = 0.0\nk4 = 0.0\n";
-    made.write("calibration.toml", fisheye);
-    assert!(made.open().unwrap_err().to_string().contains("fish-eye"));
+    let no_lens = "name = \"f\"\nregistered = true\n[color]\nwidth = 160\nheight = 120\nfx = 100.0\nfy = 100.0\n\
+        cx = 79.5\ncy = 59.5\n[photometry.vignetting]\ncenter = [0.5, 0.5]\nfalloff = [-9.0, 0.0, 0.0]\n";
+    made.write("calibration.toml", no_lens);
+    assert!(made.open().unwrap_err().to_string().contains("vignetting"));
     made.write("calibration.toml", "name = 3");
     assert!(made.open().unwrap_err().to_string().contains("calibration.toml"));
 }

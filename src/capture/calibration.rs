@@ -3,10 +3,15 @@
 use super::{CaptureError, calibration_files, text};
 use crate::image::Size;
 use crate::math::{Pinhole, Pose, pose_from_xyzw};
-use kornia_imgproc::calibration::CameraIntrinsic;
-use kornia_imgproc::calibration::distortion::{PolynomialDistortion, distort_point_polynomial};
+pub use disparity::Disparity;
+pub use lens::Distortion;
+pub use photometry::{Photometry, Response, Vignetting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+mod disparity;
+mod lens;
+mod photometry;
 
 /// Colour camera, depth camera, and how the depth pictures are to be read. Stored as TOML.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,6 +39,12 @@ pub struct Calibration {
     /// Of an unregistered recording: a point in depth camera axes moved into colour camera axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color_from_depth: Option<Rigid>,
+    /// Where depth pictures hold disparities instead of distances.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub disparity: Option<Disparity>,
+    /// How the colour camera turns light into codes; without it, codes are taken as sRGB.
+    #[serde(default, skip_serializing_if = "Photometry::is_none")]
+    pub photometry: Photometry,
 }
 
 fn default_invalid_depth() -> Vec<u16> {
@@ -62,20 +73,6 @@ pub struct CameraModel {
     pub distortion: Distortion,
 }
 
-/// Lens distortion, in OpenCV's definitions and order of coefficients.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "model", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Distortion {
-    #[default]
-    None,
-    /// Brown-Conrady ("plumb bob").
-    Brown { k1: f64, k2: f64, p1: f64, p2: f64, k3: f64 },
-    /// Brown-Conrady with a denominator ("rational polynomial").
-    Rational { k1: f64, k2: f64, p1: f64, p2: f64, k3: f64, k4: f64, k5: f64, k6: f64 },
-    /// Equidistant fish-eye (Kannala and Brandt 2006). Kept in files; such pictures are not rectified.
-    KannalaBrandt { k1: f64, k2: f64, k3: f64, k4: f64 },
-}
-
 /// A rigid transform as files hold it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -93,68 +90,6 @@ impl Rigid {
     /// `None` where a number is not finite or the quaternion has no length.
     pub fn pose(&self) -> Option<Pose> {
         pose_from_xyzw(self.translation_m, self.rotation_xyzw)
-    }
-}
-
-impl Distortion {
-    pub fn is_none(&self) -> bool {
-        *self == Self::None
-    }
-
-    /// A distorted point of the image plane at z = 1 from an ideal one; `None` for fish-eye models.
-    pub fn distort(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        let unit = CameraIntrinsic { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
-        self.polynomial().map(|p| distort_point_polynomial(x, y, &unit, &p))
-    }
-
-    /// The ideal point of a distorted one, by Newton's method. `None` for fish-eye models, and where the
-    /// distortion folds the image so that there is no nearby answer.
-    pub fn undistort(&self, xd: f64, yd: f64) -> Option<(f64, f64)> {
-        const STEP: f64 = 1e-6;
-        const CLOSE: f64 = 1e-9;
-        let (mut x, mut y) = (xd, yd);
-        for _ in 0..20 {
-            let (ex, ey) = self.distort(x, y)?;
-            let (rx, ry) = (xd - ex, yd - ey);
-            if rx.abs().max(ry.abs()) < CLOSE {
-                return Some((x, y));
-            }
-            let ((ax, ay), (bx, by)) = (self.distort(x + STEP, y)?, self.distort(x, y + STEP)?);
-            let (xx, yx) = ((ax - ex) / STEP, (ay - ey) / STEP);
-            let (xy, yy) = ((bx - ex) / STEP, (by - ey) / STEP);
-            let determinant = xx * yy - xy * yx;
-            if determinant.is_nan() || determinant < 1e-3 {
-                return None;
-            }
-            x += (yy * rx - xy * ry) / determinant;
-            y += (xx * ry - yx * rx) / determinant;
-        }
-        None
-    }
-
-    pub(super) fn polynomial(&self) -> Option<PolynomialDistortion> {
-        let zero = PolynomialDistortion::default();
-        match *self {
-            Self::None => Some(zero),
-            Self::Brown { k1, k2, p1, p2, k3 } => {
-                Some(PolynomialDistortion { k1, k2, k3, p1, p2, ..zero })
-            }
-            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
-                Some(PolynomialDistortion { k1, k2, k3, k4, k5, k6, p1, p2 })
-            }
-            Self::KannalaBrandt { .. } => None,
-        }
-    }
-
-    fn coefficients(&self) -> Vec<f64> {
-        match *self {
-            Self::None => vec![],
-            Self::Brown { k1, k2, p1, p2, k3 } => vec![k1, k2, p1, p2, k3],
-            Self::Rational { k1, k2, p1, p2, k3, k4, k5, k6 } => {
-                vec![k1, k2, p1, p2, k3, k4, k5, k6]
-            }
-            Self::KannalaBrandt { k1, k2, k3, k4 } => vec![k1, k2, k3, k4],
-        }
     }
 }
 
@@ -226,6 +161,8 @@ impl Calibration {
             color,
             depth: None,
             color_from_depth: None,
+            disparity: None,
+            photometry: Photometry::default(),
         }
     }
 
@@ -269,6 +206,13 @@ impl Calibration {
         if self.color_from_depth.is_some_and(|r| r.pose().is_none()) {
             found.push("color_from_depth is no rigid transform".into());
         }
+        if let Some(disparity) = &self.disparity {
+            disparity.problems(&mut found);
+            if self.depth_factor.is_some() {
+                found.push("depth_factor and [disparity] exclude each other".into());
+            }
+        }
+        self.photometry.problems(&mut found);
         if !self.registered && (self.depth.is_none() || self.color_from_depth.is_none()) {
             found.push("unregistered, so [depth] and [color_from_depth] are needed".into());
         }

@@ -1,6 +1,6 @@
 //! Calibrations as other programs write them.
 
-use super::calibration::{Calibration, CameraModel, Distortion, Rigid};
+use super::calibration::{Calibration, CameraModel, Disparity, Distortion, Rigid};
 use super::text;
 use crate::image::Size;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
@@ -118,6 +118,7 @@ fn from_kinect_toolbox(name: &str, root: &Yaml) -> Result<Calibration, String> {
     let depth_lens = distortion(None, &numbers("dkc", 5)?)?;
     let depth = camera(&numbers("dK", 9)?, depth_lens, Some(Size::new(640, 480)))?;
     let rotation = Matrix3::from_row_slice(&numbers("dR", 9)?);
+    let dc = numbers("dc", 2)?;
     let t = numbers("dt", 3)?;
     if (rotation.transpose() * rotation - Matrix3::identity()).amax() > 1e-3 {
         return Err("dR is no rotation".into());
@@ -128,6 +129,8 @@ fn from_kinect_toolbox(name: &str, root: &Yaml) -> Result<Calibration, String> {
     Ok(Calibration {
         registered: false,
         depth: Some(depth),
+        invalid_depth: vec![2047],
+        disparity: Some(Disparity { c0: dc[0], c1: dc[1] }),
         color_from_depth: Some(Rigid::from_pose(&pose)),
         ..Calibration::registered(name, color)
     })

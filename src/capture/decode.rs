@@ -13,7 +13,7 @@ pub const MAX_PIXELS: usize = 64 << 20;
 const MAX_FILE_BYTES: u64 = 512 << 20;
 
 /// 8-bit sRGB. Grey pictures become RGB, alpha is dropped, 16-bit channels are rounded to 8.
-pub(super) fn color(path: &Path) -> Result<Image<[u8; 3]>, CaptureError> {
+pub(crate) fn color(path: &Path) -> Result<Image<[u8; 3]>, CaptureError> {
     let bytes = read(path)?;
     let (decoder, size) = open(path, &bytes)?;
     if ImageFormat::Jpeg == guess(path, &bytes)? && !ends_as_jpeg(&bytes) {

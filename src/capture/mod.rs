@@ -14,6 +14,7 @@ mod inspect;
 pub mod layout;
 pub mod live;
 pub mod openni;
+mod photometry;
 mod plausibility;
 mod rectify;
 mod registration;
@@ -24,11 +25,13 @@ pub mod trajectory;
 
 pub use calibration::Calibration;
 pub use decode::MAX_PIXELS;
+pub(crate) use decode::color as read_color;
 pub use input::InputStage;
 #[cfg(feature = "gpu")]
 pub use input::{InputTables, input_tables};
 pub use inspect::{SequenceReport, inspect};
 pub use layout::Layout;
+pub(crate) use photometry::{gain, linear_from_code};
 pub use registration::Registration;
 pub use sequence::{CaptureOptions, Sequence, SequenceInfo, SkippedFrame, open_sequence};
 
@@ -133,7 +136,7 @@ pub enum CaptureError {
 }
 
 impl CaptureError {
-    fn io(path: &Path, source: std::io::Error) -> Self {
+    pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
         Self::Io { path: path.display().to_string(), source }
     }
 
@@ -141,7 +144,7 @@ impl CaptureError {
         Self::Line { path: path.display().to_string(), line, problem: problem.into() }
     }
 
-    fn file(path: &Path, problem: impl Into<String>) -> Self {
+    pub(crate) fn file(path: &Path, problem: impl Into<String>) -> Self {
         Self::File { path: path.display().to_string(), problem: problem.into() }
     }
 }

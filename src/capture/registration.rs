@@ -48,16 +48,7 @@ struct Projected {
 
 impl Registration {
     /// From the depth camera, which may be distorted, into a rectified camera.
-    pub fn new(
-        depth: &CameraModel,
-        camera: Pinhole,
-        color_from_depth: &Pose,
-    ) -> Result<Self, String> {
-        if depth.distortion.polynomial().is_none() {
-            return Err(
-                "a fish-eye depth camera is not registered; undistort its pictures first".into()
-            );
-        }
+    pub fn new(depth: &CameraModel, camera: Pinhole, color_from_depth: &Pose) -> Self {
         let size = depth.size();
         let r = color_from_depth.rotation.to_rotation_matrix();
         let t = color_from_depth.translation.vector;
@@ -78,7 +69,7 @@ impl Registration {
             .collect();
         let scale = [(fx / depth.fx) as f32, (fy / depth.fy) as f32];
         let n = size.pixels();
-        Ok(Self {
+        Self {
             depth_size: size,
             camera,
             rays: std::array::from_fn(|k| table.iter().map(|q| q[k]).collect()),
@@ -92,7 +83,7 @@ impl Registration {
                 patch: vec![false; n],
                 rows: vec![(0.0, 0.0); size.height],
             },
-        })
+        }
     }
 
     /// Writes the depth that the colour camera sees. `depth_m` must have the depth camera's size.

@@ -68,6 +68,8 @@ pub struct SequenceInfo {
     pub registered: bool,
     /// Whether frames are undistorted as they are read.
     pub undistorted: bool,
+    /// Whether response, vignetting or primaries of the camera are undone as frames are read.
+    pub light_corrected: bool,
     /// Where recorded poses are from.
     pub poses_from: Option<String>,
     pub frames_with_pose: usize,
@@ -160,9 +162,15 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
     let entries = listing.entries;
     let end = end_of(entries.len(), options)?;
     let (color_size, depth_size) = picture_sizes(&entries[options.first_frame..end])?;
-    let (calibration, camera_from) =
+    let (mut calibration, camera_from) =
         find_calibration(path, layout, color_size, options, &mut warnings)?;
+    if options.depth_factor.is_some() && calibration.disparity.take().is_some() {
+        warnings.push(format!(
+            "depth pictures are read as distances, as the depth factor says, not as disparities ({camera_from})"
+        ));
+    }
     let (depth_factor, depth_factor_from) = match (options.depth_factor, calibration.depth_factor) {
+        _ if calibration.disparity.is_some() => (1.0, format!("disparities, {camera_from}")),
         (Some(given), _) => (given, "given".to_owned()),
         (None, Some(factor)) => (factor, camera_from.clone()),
         (None, None) => (layout.usual_depth_factor(), format!("usual for layout {layout}")),
@@ -197,6 +205,7 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
         camera_from,
         registered: calibration.registered,
         undistorted: rig.undistorts(),
+        light_corrected: rig.corrects_light(),
         poses_from: listing.poses,
         frames_with_pose: entries.iter().filter(|e| e.pose.is_some()).count(),
         warnings,
@@ -265,6 +274,7 @@ fn open_oni(path: &Path, options: &CaptureOptions) -> Result<Sequence, CaptureEr
         camera_from: oni.camera_from.clone(),
         registered: oni.registered,
         undistorted: oni.undistorted,
+        light_corrected: false,
         poses_from: None,
         frames_with_pose: 0,
         warnings: oni.notes.clone(),

@@ -1,5 +1,6 @@
 //! The command line. Names here are relied on by scripts.
 
+use super::calibrate::Calibrate;
 use super::convert::ConvertArgs;
 #[cfg(feature = "gpu")]
 use super::doctor::DoctorArgs;
@@ -55,6 +56,10 @@ pub enum Command {
         study: Study,
     },
     Tradeoff(TradeoffArgs),
+    Calibrate {
+        #[command(subcommand)]
+        what: Calibrate,
+    },
     Report(ReportArgs),
     #[cfg(feature = "gpu")]
     Doctor(DoctorArgs),
@@ -305,7 +310,7 @@ pub fn parse_frames(text: &str) -> Result<FrameRange, String> {
     }
 }
 
-fn parse_numbers<const N: usize>(text: &str) -> Result<[f32; N], String> {
+pub(super) fn parse_numbers<const N: usize>(text: &str) -> Result<[f32; N], String> {
     let values: Result<Vec<f32>, _> = text.split(',').map(|t| t.trim().parse::<f32>()).collect();
     let values = values.map_err(|_| format!("'{text}' is not {N} numbers with commas"))?;
     if !values.iter().all(|v| v.is_finite()) {

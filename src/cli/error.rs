@@ -1,5 +1,6 @@
 //! Exit codes: which kind of mistake each error of the library is.
 
+use kinlight::calibrate::CalibrateError;
 use kinlight::replay::ReplayError;
 use kinlight::study::StudyError;
 use kinlight::synth::SynthError;
@@ -79,6 +80,19 @@ impl From<StudyError> for CliError {
             }
             StudyError::Synth(_) | StudyError::Output(_) => Self::Output(text),
             StudyError::Pipeline(_) => Self::Run(text),
+        }
+    }
+}
+
+impl From<CalibrateError> for CliError {
+    fn from(error: CalibrateError) -> Self {
+        let text = error.to_string();
+        match error {
+            CalibrateError::Options(_) => Self::Usage(text),
+            CalibrateError::Capture(_) | CalibrateError::Data(_) => Self::Sequence(text),
+            CalibrateError::Output(_) => Self::Output(text),
+            #[cfg(feature = "opencv")]
+            CalibrateError::OpenCv(_) => Self::Run(text),
         }
     }
 }

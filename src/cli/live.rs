@@ -1,8 +1,10 @@
 //! What the commands for cameras share: which device, for how long, and Ctrl-C.
 
 use super::CliError;
+use super::args::parse_size;
 use clap::Args;
 use kinlight::capture::live::{Delivery, LiveOptions, LiveSource, Monitor, drivers};
+use kinlight::capture::openni::OpenniOptions;
 use std::collections::VecDeque;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -11,9 +13,12 @@ use std::time::{Duration, Instant};
 
 #[derive(Debug, Args)]
 pub struct DeviceArgs {
-    /// The camera: play:FOLDER plays a recording as one.
-    #[arg(long, value_name = "URI")]
+    /// The camera: openni is the first depth sensor that OpenNI2 finds, openni:URI a certain one; play:FOLDER
+    /// plays a recording as one.
+    #[arg(long, value_name = "URI", default_value = "openni")]
     pub device: String,
+    #[command(flatten)]
+    pub sensor: SensorArgs,
     /// End after this long (ms, s, min or h).
     #[arg(long, value_name = "30s", value_parser = parse_time)]
     pub duration: Option<Duration>,
@@ -35,6 +40,39 @@ pub struct DeviceArgs {
     pub lose_device_at: Vec<usize>,
 }
 
+/// What is asked of a sensor.
+#[derive(Debug, Args)]
+pub struct SensorArgs {
+    /// Cameras of the sensor, and how they stand to each other [default: its field of view].
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    /// Size of the colour picture [default: 640,480, or what is nearest].
+    #[arg(long, value_name = "W,H", value_parser = parse_size)]
+    pub size: Option<(usize, usize)>,
+    /// Frames a second [default: 30, or what is nearest].
+    #[arg(long)]
+    pub fps: Option<u32>,
+    /// Hold exposure and white balance after this long [default: they stay automatic].
+    #[arg(long, value_name = "2s", value_parser = parse_time)]
+    pub hold_exposure_after: Option<Duration>,
+    /// Register depth to colour by the calibration, not in the device.
+    #[arg(long)]
+    pub own_registration: bool,
+}
+
+impl SensorArgs {
+    fn options(&self) -> OpenniOptions {
+        OpenniOptions {
+            size: self.size.map(<[usize; 2]>::from),
+            fps: self.fps,
+            calibration: self.calibration.clone(),
+            hardware_registration: !self.own_registration,
+            hold_exposure_after: self.hold_exposure_after,
+            ..OpenniOptions::default()
+        }
+    }
+}
+
 /// A camera that is running.
 pub struct Camera {
     pub source: LiveSource,
@@ -48,6 +86,7 @@ impl DeviceArgs {
         let asked = drivers::DeviceOptions {
             unpaced: self.every_frame,
             lose_at: self.lose_device_at.clone(),
+            openni: self.sensor.options(),
         };
         let named =
             drivers::find(&self.device, &asked).map_err(|e| CliError::Usage(e.to_string()))?;

@@ -2,6 +2,7 @@
 
 mod args;
 mod backend;
+mod calibrate;
 mod commands;
 mod convert;
 #[cfg(feature = "gpu")]
@@ -43,6 +44,7 @@ pub fn main() -> ExitCode {
         Command::Study { study: Study::Composite(args) } => study_composite::run(args, talk),
         Command::Study { study: Study::Estimator(args) } => study_estimator::run(args, talk),
         Command::Tradeoff(args) => tradeoff::run(args, talk),
+        Command::Calibrate { what } => calibrate::run(what, talk),
         Command::Report(args) => report::run(args, talk),
         #[cfg(feature = "gpu")]
         Command::Doctor(args) => doctor::run(args, talk),

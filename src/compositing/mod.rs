@@ -26,7 +26,8 @@ pub(crate) mod test_support;
 mod tests;
 
 #[cfg(feature = "gpu")]
-pub(crate) use encode::{SHOULDER, SRGB};
+pub(crate) use encode::SHOULDER;
+pub(crate) use encode::SRGB;
 #[cfg(feature = "gpu")]
 pub(crate) use filter_gauss::gaussian;
 #[cfg(feature = "gpu")]

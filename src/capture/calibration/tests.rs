@@ -51,13 +51,53 @@ fn toml_round_trip_is_exact() {
 fn undistorting_undoes_distorting() {
     let lens = full().color.distortion;
     for (x, y) in [(0.0, 0.0), (0.5, -0.4), (-0.61, 0.49), (0.2, 0.3)] {
-        let (xd, yd) = lens.distort(x, y).unwrap();
+        let (xd, yd) = lens.distort(x, y);
         let (xu, yu) = lens.undistort(xd, yd).unwrap();
         assert!((xu - x).abs() < 1e-8 && (yu - y).abs() < 1e-8, "{x} {y}: {xu} {yu}");
     }
     // This lens folds far outside the picture: no answer rather than a wrong one.
     let fold = Distortion::Brown { k1: -0.5, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 };
     assert!(fold.undistort(3.0, 3.0).is_none());
+}
+
+#[test]
+fn photometry_and_disparities_survive_the_file() {
+    let curve: Vec<f64> = (0..256).map(|i| (f64::from(i) / 255.0).powf(2.2)).collect();
+    let photometry = Photometry {
+        color_matrix: Some([[1.2, -0.1, -0.1], [0.0, 1.0, 0.0], [0.1, 0.2, 1.0 / 3.0]]),
+        vignetting: Some(Vignetting { center: [0.49, 0.5], falloff: [-0.3, -0.1, 0.02] }),
+        response: Some(Response { red: curve.clone(), green: curve.clone(), blue: curve }),
+    };
+    let mut calibration = Calibration { depth_factor: None, photometry, ..full() };
+    calibration.disparity = Some(Disparity { c0: 3.12, c1: -0.00286 });
+    let text = calibration.to_toml().unwrap();
+    assert_eq!(Calibration::from_toml(&text).unwrap(), calibration, "{text}");
+    let refused = |edit: &dyn Fn(&mut Calibration)| {
+        let mut broken = calibration.clone();
+        edit(&mut broken);
+        broken.check().unwrap_err()
+    };
+    let response = |c: &mut Calibration| c.photometry.response.as_mut().unwrap().green[40] = 0.9;
+    assert!(refused(&response).contains("response"));
+    assert!(refused(&|c| c.depth_factor = Some(1000.0)).contains("exclude"));
+    assert!(refused(&|c| c.disparity = Some(Disparity { c0: 3.0, c1: 0.0 })).contains("disparity"));
+    let matrix = |c: &mut Calibration| c.photometry.color_matrix = Some([[f64::NAN; 3]; 3]);
+    assert!(refused(&matrix).contains("color_matrix"));
+}
+
+#[test]
+fn fish_eye_angles_come_back_up_to_the_side() {
+    let lens = Distortion::KannalaBrandt { k1: 0.05, k2: -0.02, k3: 4e-3, k4: -5e-4 };
+    for degrees in [0.0f64, 1e-7, 10.0, 45.0, 70.0, 85.0] {
+        let r = degrees.to_radians().tan();
+        let (xd, yd) = lens.distort(0.6 * r, -0.8 * r);
+        let (x, y) = lens.undistort(xd, yd).unwrap();
+        // The angle is solved to 1e-12, which the tangent at 85 degrees multiplies by 130.
+        assert!((x - 0.6 * r).abs() < 1e-9 && (y + 0.8 * r).abs() < 1e-9, "{degrees}: {x} {y}");
+    }
+    assert!(lens.undistort(2.0, 0.0).is_none(), "beyond the side");
+    let fold = Distortion::KannalaBrandt { k1: -0.5, k2: 0.0, k3: 0.0, k4: 0.0 };
+    assert!(fold.undistort(0.9, 0.0).is_none(), "beyond the fold");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Drivers by the name of a device.
 
 use super::{DeviceError, LiveDriver, PlayedDriver};
+use crate::capture::openni::{OpenniDriver, OpenniOptions};
 use std::path::PathBuf;
 
 /// What is asked of a device that is not in its name.
@@ -10,6 +11,8 @@ pub struct DeviceOptions {
     pub unpaced: bool,
     /// Recordings are lost before each of these frames, once each: the way to try what a run does then.
     pub lose_at: Vec<usize>,
+    /// Of sensors.
+    pub openni: OpenniOptions,
 }
 
 /// A driver that knows which device it is to open.
@@ -20,7 +23,7 @@ pub struct NamedDriver {
 }
 
 /// Devices that can be named, for people.
-pub const DEVICES: &str = "play:FOLDER";
+pub const DEVICES: &str = "openni, openni:URI and play:FOLDER";
 
 /// Finds the driver for a device; it is not opened yet.
 pub fn find(uri: &str, options: &DeviceOptions) -> Result<NamedDriver, DeviceError> {
@@ -30,10 +33,19 @@ pub fn find(uri: &str, options: &DeviceOptions) -> Result<NamedDriver, DeviceErr
                 .losing_device_before(&options.lose_at);
             Ok(NamedDriver { driver: Box::new(driver), recording: Some(folder.into()) })
         }
+        None if uri == "openni" => Ok(sensor(None, options)),
+        Some(("openni", sensor_uri)) if !sensor_uri.is_empty() => {
+            Ok(sensor(Some(sensor_uri.to_owned()), options))
+        }
         _ => {
             Err(DeviceError::NoDriver(format!("no driver for device '{uri}'; there is {DEVICES}")))
         }
     }
+}
+
+fn sensor(uri: Option<String>, options: &DeviceOptions) -> NamedDriver {
+    let driver = OpenniDriver::new(uri, options.openni.clone());
+    NamedDriver { driver: Box::new(driver), recording: None }
 }
 
 #[cfg(test)]
@@ -42,11 +54,14 @@ mod tests {
 
     #[test]
     fn unknown_devices_are_named() {
-        for uri in ["", "play", "play:", "kinect:0"] {
+        for uri in ["", "play", "play:", "openni:", "kinect:0"] {
             let error = find(uri, &DeviceOptions::default()).map(|_| ()).unwrap_err().to_string();
             assert!(error.contains(&format!("'{uri}'")) && error.contains(DEVICES), "{error}");
         }
         let found = find("play:a:b", &DeviceOptions::default()).unwrap();
         assert_eq!(found.recording, Some("a:b".into()));
+        for uri in ["openni", "openni:1d27/0609@1/2"] {
+            assert!(find(uri, &DeviceOptions::default()).is_ok_and(|d| d.recording.is_none()));
+        }
     }
 }

@@ -27,7 +27,7 @@ fn both(scene: &AnalyticScene, color_from_depth: Pose, out: Pinhole) -> (Image<f
     let truth = seen(out, color_from_depth.inverse());
     let depth = seen(depth_camera().pinhole(), Pose::identity());
     let mut registered = Image::default();
-    let mut stage = Registration::new(&depth_camera(), out, &color_from_depth).unwrap();
+    let mut stage = Registration::new(&depth_camera(), out, &color_from_depth);
     stage.register(&depth, &mut registered);
     (truth, registered)
 }
@@ -100,7 +100,7 @@ fn the_identity_changes_nothing() {
         *d = if rng.uniform() < 0.1 { 0.0 } else { step + 0.001 * rng.uniform() };
     }
     let mut out = Image::default();
-    let mut stage = Registration::new(&camera, camera.pinhole(), &Pose::identity()).unwrap();
+    let mut stage = Registration::new(&camera, camera.pinhole(), &Pose::identity());
     stage.register(&depth, &mut out);
     for (a, b) in depth.as_slice().iter().zip(out.as_slice()) {
         // places are exact to about 3e-5 px; neighbours differ by 1 mm at most within a patch
@@ -110,7 +110,7 @@ fn the_identity_changes_nothing() {
 
 #[test]
 fn nonsense_depth_is_missing_and_takes_no_time() {
-    let mut stage = Registration::new(&depth_camera(), color_camera(), &rig()).unwrap();
+    let mut stage = Registration::new(&depth_camera(), color_camera(), &rig());
     let mut out = Image::new(color_camera().size(), 7.0);
     for bad in [f32::NAN, f32::INFINITY, -1.0, 1e-30, 0.0] {
         stage.register(&Image::new(depth_camera().size(), bad), &mut out);
@@ -134,7 +134,7 @@ fn a_distorted_depth_camera_sees_the_same_surface() {
     // A wall facing the camera has constant z however the lens bends the picture.
     let depth = Image::new(camera.size(), 1.1);
     let mut out = Image::default();
-    Registration::new(&camera, color_camera(), &rig()).unwrap().register(&depth, &mut out);
+    Registration::new(&camera, color_camera(), &rig()).register(&depth, &mut out);
     let scene = AnalyticScene::new([plane]);
     let truth = scene.render(&View::perspective(color_camera(), rig().inverse())).depth_m;
     for y in 30..220 {
