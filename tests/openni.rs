@@ -309,22 +309,49 @@ fn a_recording_plays_what_was_recorded() {
     );
 }
 
-fn as_the_program_sees_it(folder: &Path, file: &Path) {
+/// Runs the program with the sensor; gives its result.
+fn program(folder: &Path, args: &[&str]) -> serde_json::Value {
     let program = Path::new(env!("CARGO_BIN_EXE_kinlight"));
-    let run = |args: &[&str]| {
-        let output = with_sensor(program, folder).args(args).arg("--json").output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{args:?}: {said}");
-        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
-    };
-    let report = run(&["info", text(file)]);
+    let output = with_sensor(program, folder).args(args).arg("--json").output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{args:?}: {said}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn as_the_program_sees_it(folder: &Path, file: &Path) {
+    let report = program(folder, &["info", text(file)]);
     assert_eq!(report["info"]["pairs"], 6);
     assert_eq!(report["info"]["layout"], "oni");
     assert_eq!(report["frames_looked_at"], serde_json::json!([0, 1, 5]));
     let out = folder.join("out");
     let replay = ["replay", text(file), "--preset", "ours-fast", "--backend", "cpu"];
-    let result = run(&[&replay[..], &["--frames", "1..5", "--out", text(&out)]].concat());
+    let result =
+        program(folder, &[&replay[..], &["--frames", "1..5", "--out", text(&out)]].concat());
     assert_eq!((&result["frames"], &result["skipped"]), (&4.into(), &serde_json::json!([])));
+}
+
+#[test]
+fn a_stream_from_a_sensor_is_the_replay_of_its_recording_bit_for_bit() {
+    scenario(
+        "a_stream_from_a_sensor_is_the_replay_of_its_recording_bit_for_bit",
+        |folder| demo().write(folder, USUAL),
+        |folder| {
+            let [recorded, streamed, replayed] =
+                ["recorded", "streamed", "replayed"].map(|name| folder.join(name));
+            let all = ["--device", "openni", "--every-frame", "--frames", "6", "--out"];
+            let compute = ["--preset", "ours-fast", "--backend", "cpu"];
+            let record = [&["record"], &all[..], &[text(&recorded)]].concat();
+            assert_eq!(program(folder, &record)["frames"], 6);
+            let stream = [&["stream"], &all[..], &[text(&streamed)], &compute].concat();
+            assert_eq!(program(folder, &stream)["frames"], 6);
+            let replay = ["replay", text(&recorded), "--out", text(&replayed)];
+            program(folder, &[&replay[..], &compute].concat());
+            for file in ["light.jsonl", "trajectory.txt", "mesh.ply"] {
+                let [a, b] = [&streamed, &replayed].map(|at| std::fs::read(at.join(file)).unwrap());
+                assert!(a == b, "{file} differs");
+            }
+        },
+    );
 }
 
 /// The player's thread does not outlive what it plays for: closed at once, midway and at the end.
