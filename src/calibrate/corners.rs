@@ -11,7 +11,7 @@ use opencv::{aruco, calib3d, imgproc};
 const FEWEST: usize = 8;
 
 /// The corners of the board in a picture, to a few hundredths of a pixel; `Err` says why it is refused.
-/// Of a chessboard all must be seen, of a ChArUco board [`FEWEST`] in two rows and columns.
+/// Of a chessboard all must be seen, of a ChArUco board eight in two rows and columns.
 pub fn find_board(
     key: &str,
     picture: &Image<u8>,

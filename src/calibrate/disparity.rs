@@ -4,7 +4,7 @@
 //! After Herrera, Kannala and Heikkila 2012, without their spatial distortion of disparities: the board
 //! of each colour picture is a plane in colour camera axes, and every disparity on it must be the
 //! plane's. The region of the plane starts as the board's outline and grows over what fits. What few
-//! planes leave open is held near what all sensors of the kind share ([`SPREAD`]).
+//! planes leave open is held near what all sensors of the kind share.
 
 use super::CalibrateError;
 use super::board::{Board, PosedView};
@@ -162,7 +162,8 @@ impl State {
     }
 }
 
-/// The board in the depth picture: corners of the outer squares, less a margin for a wrong start.
+/// The board in the depth picture as far as its inner corners reach: the squares around them are the
+/// margin for a wrong start.
 fn outline(board: &Board, view: &PosedView, state: &State, size: Size) -> Vec<[f64; 2]> {
     let s = board.square_m;
     let (right, bottom) = ((board.columns - 1) as f64 * s, (board.rows - 1) as f64 * s);

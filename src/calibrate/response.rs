@@ -126,7 +126,7 @@ fn solve(
         .map(|&i| order.iter().map(|e| e.picture.as_slice()[i][channel]).collect())
         .filter(|codes: &Vec<u8>| is_still(codes))
         .collect();
-    let (mut matrix, mut right, total) = data_equations(&samples, &log_times);
+    let (mut matrix, right, total) = data_equations(&samples, &log_times);
     if samples.len() < 100 || total <= 0.0 {
         let problem = "too few pixels change with the exposure time as light does";
         return Err(CalibrateError::Data(problem.into()));
@@ -136,7 +136,6 @@ fn solve(
     matrix[(128, 128)] += total;
     let solved = matrix.cholesky().map(|c| c.solve(&right));
     let log_light = solved.ok_or(CalibrateError::Data("the response is not determined".into()))?;
-    right.copy_from(&log_light);
     let rms_log = residual(&samples, &log_times, &log_light);
     let weighted = || samples.iter().flatten().copied().filter(|&c| weight(c) > 0.0);
     let codes = (weighted().min().unwrap_or(0), weighted().max().unwrap_or(255));

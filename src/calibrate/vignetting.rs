@@ -75,7 +75,7 @@ fn farthest(frame: &Vignetting, size: Size) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Mean light of the green-weighted channels in each cell; cells with a pixel near an end of the codes are left out.
+/// Light of each cell, all channels together; cells with a pixel near an end of the codes are left out.
 fn cells(
     picture: &Image<[u8; 3]>,
     index: usize,

@@ -33,7 +33,7 @@ impl Distortion {
             }
             Lens::Equidistant(k) => {
                 let r = x.hypot(y);
-                // 1 - r^2/3 on the axis, where the quotient has no digits left
+                // on the axis the quotient is 1 to the last digit, or 0 / 0
                 let scale = if r > 1e-8 { equidistant(&k, r.atan()).0 / r } else { 1.0 };
                 (x * scale, y * scale)
             }
