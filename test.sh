@@ -14,7 +14,7 @@ install() {
 
 command -v cc >/dev/null || install build-essential
 # any Vulkan driver will do; Mesa's computes in software
-ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json >/dev/null 2>&1 ||
+compgen -G '/usr/share/vulkan/icd.d/*.json' >/dev/null || compgen -G '/etc/vulkan/icd.d/*.json' >/dev/null ||
   install libvulkan1 mesa-vulkan-drivers
 # what depth sensors and their recordings are read through; loaded when it is needed
 ls /usr/lib/*/libOpenNI2.so.0 >/dev/null 2>&1 || install libopenni2-0
