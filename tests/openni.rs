@@ -29,7 +29,7 @@ fn open(options: OpenniOptions) -> Result<Box<dyn LiveDevice>, DeviceError> {
 
 /// The device's time of a frame, as the sensor makes it.
 fn time_s(frame: usize, fps: i64) -> f64 {
-    (1_000_000 + frame as i64 * 1_000_000 / fps) as f64 * 1e-6
+    (1_000_000 + frame as i64 * 1_000_000 / fps) as f64 / 1e6
 }
 
 /// Depth and colour are what was played, bit for bit.

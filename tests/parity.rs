@@ -75,7 +75,7 @@ fn every_stage_and_the_run_are_within_tolerance() {
         assert_eq!(row["verdict"], "within", "{row:#}");
         assert!(row["found"]["values"].as_u64().unwrap() > 0 && row["reason"] != "", "{row:#}");
     }
-    assert_eq!(report["run"].as_array().unwrap().len(), 5);
+    assert_eq!(report["run"].as_array().unwrap().len(), 6);
 }
 
 #[test]

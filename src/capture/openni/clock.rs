@@ -57,13 +57,13 @@ impl DeviceClock {
             last.saturating_add(self.period_us).saturating_sub(raw)
         };
         let jump_us = own.offset_us.saturating_sub(offset);
-        self.accept(stream, raw, offset, Some(jump_us as f64 * 1e-6))
+        self.accept(stream, raw, offset, Some(jump_us as f64 / 1e6))
     }
 
     fn accept(&mut self, stream: usize, raw: i64, offset_us: i64, jump_s: Option<f64>) -> Tick {
         let us = raw.saturating_add(offset_us);
         self.streams[stream] = StreamClock { last_us: Some(us), offset_us };
-        Tick { seconds: us as f64 * 1e-6, jump_s }
+        Tick { seconds: us as f64 / 1e6, jump_s }
     }
 }
 
@@ -74,7 +74,7 @@ mod tests {
     const STEP: u64 = 33_333;
 
     fn run(jump_at: u64, by_us: i64) -> (Vec<f64>, Vec<f64>, usize) {
-        let mut clock = DeviceClock::new(STEP as f64 * 1e-6);
+        let mut clock = DeviceClock::new(STEP as f64 / 1e6);
         let (mut depth, mut color, mut jumps) = (Vec::new(), Vec::new(), 0);
         for k in 0..20 {
             let off = if k >= jump_at { by_us } else { 0 };
@@ -84,7 +84,7 @@ mod tests {
             jumps += usize::from(d.jump_s.is_some());
             assert_eq!(d.jump_s.is_some(), c.jump_s.is_some());
             if let Some(jump_s) = d.jump_s {
-                assert!((jump_s - by_us as f64 * 1e-6).abs() < 1e-9, "{jump_s}");
+                assert!((jump_s - by_us as f64 / 1e6).abs() < 1e-9, "{jump_s}");
             }
             depth.push(d.seconds);
             color.push(c.seconds);
@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn without_a_jump_times_are_the_devices() {
         let (depth, _, jumps) = run(99, 0);
-        assert_eq!((depth[0], depth[1], jumps), (10.0, 10_033_333.0 * 1e-6, 0));
+        assert_eq!((depth[0], depth[1], jumps), (10.0, 10_033_333.0 / 1e6, 0));
     }
 
     #[test]
