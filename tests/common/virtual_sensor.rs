@@ -70,7 +70,7 @@ fn driver() -> &'static Path {
         let exe = std::env::current_exe().unwrap();
         let target = exe.ancestors().nth(3).unwrap();
         let built = Command::new(env!("CARGO"))
-            .args(["build", "--quiet", "--locked", "--offline", "--package"])
+            .args(["build", "--quiet", "--locked", "--package"])
             .args(["kinlight-virtual-sensor", "--target-dir", text(target)])
             .current_dir(env!("CARGO_MANIFEST_DIR"))
             .status()
