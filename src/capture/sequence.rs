@@ -8,6 +8,7 @@ use super::{CaptureError, FrameSource, RawFrame, decode};
 use crate::image::Size;
 use crate::math::Pinhole;
 use serde::Serialize;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// What may be said about a recording instead of being found out.
@@ -212,16 +213,28 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
     };
     let first = options.first_frame;
     let pictures = Pictures::Files(Box::new(rig));
-    Ok(Sequence {
-        entries,
-        first,
-        end,
-        next: first,
-        pictures,
-        info,
-        skipped: Vec::new(),
-        delivered: 0,
-    })
+    Ok(Sequence::over(entries, first..end, pictures, info))
+}
+
+impl Sequence {
+    /// The pairs of a range, none of them read yet.
+    fn over(
+        entries: Vec<Entry>,
+        range: Range<usize>,
+        pictures: Pictures,
+        info: SequenceInfo,
+    ) -> Self {
+        Self {
+            entries,
+            first: range.start,
+            end: range.end,
+            next: range.start,
+            pictures,
+            info,
+            skipped: Vec::new(),
+            delivered: 0,
+        }
+    }
 }
 
 /// The pair after the last that is asked for.
@@ -280,16 +293,7 @@ fn open_oni(path: &Path, options: &CaptureOptions) -> Result<Sequence, CaptureEr
         warnings: oni.notes.clone(),
     };
     let pictures = Pictures::Oni(Box::new(source));
-    Ok(Sequence {
-        entries,
-        first,
-        end,
-        next: first,
-        pictures,
-        info,
-        skipped: Vec::new(),
-        delivered: 0,
-    })
+    Ok(Sequence::over(entries, first..end, pictures, info))
 }
 
 /// Sizes of the first colour and the first depth picture whose headers can be read.
