@@ -1,0 +1,14 @@
+//! Every stage at the ends of its inputs and past them, on both backends from one body, as a table.
+//!
+//! `cargo test --test extremes [-- FILTER]`: cases whose stage or name contain FILTER.
+
+mod table;
+
+use std::process::ExitCode;
+use table::Table;
+
+fn main() -> ExitCode {
+    let filter = std::env::args().skip(1).find(|arg| !arg.starts_with('-'));
+    let table = Table::new(filter);
+    if table.finish() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
