@@ -1,6 +1,9 @@
 #!/usr/bin/env bash
-# Sets up what the build and the GPU tests need and runs every check: format, lints, documentation, tests.
+# Sets up what the build and the tests need and runs every check: format, lints, documentation, tests.
+#
 # Usage: ./test.sh [further arguments of `cargo test`]
+#   KINLIGHT_ALL=1   also the features opencv and v4l, which need a gigabyte of packages, and the emulated
+#                    machine with a camera
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -23,10 +26,9 @@ if ! command -v cargo >/dev/null; then
   exit 1
 fi
 
-# The feature opencv needs a gigabyte of packages: KINLIGHT_OPENCV=1 asks for its checks.
 features=gpu
-if [ "${KINLIGHT_OPENCV:-}" = 1 ]; then
-  features=gpu,opencv
+if [ "${KINLIGHT_ALL:-}" = 1 ]; then
+  features=gpu,opencv,v4l
   dpkg -s libopencv-dev clang libclang-dev >/dev/null 2>&1 || install libopencv-dev clang libclang-dev
 fi
 
@@ -42,3 +44,11 @@ echo "== tests, with the GPU backend"
 KINLIGHT_REQUIRE_GPU=1 KINLIGHT_REQUIRE_OPENNI=1 cargo test --locked --features "$features" "$@"
 echo "== tests, without it"
 cargo test --locked --no-default-features --lib --bins "$@"
+if [ "${KINLIGHT_ALL:-}" = 1 ] && [ -x tests/vivid/run.sh ]; then
+  echo "== the kernel's virtual camera, in an emulated machine"
+  tests/vivid/run.sh --install
+fi
+if [ -x fuzz/run.sh ]; then
+  echo "== fuzzing, a few seconds each"
+  fuzz/run.sh
+fi

@@ -9,6 +9,8 @@
 //! are `world_from_camera`; colour is linear light; spherical harmonics are real, orthonormal, without
 //! Condon-Shortley sign, in world axes.
 
+#![deny(unsafe_code)] // modules that need it say why
+
 // In the order of the data flow.
 pub mod capture;
 

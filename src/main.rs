@@ -1,5 +1,7 @@
 //! The `kinlight` program.
 
+#![forbid(unsafe_code)]
+
 mod cli;
 
 fn main() -> std::process::ExitCode {

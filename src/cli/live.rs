@@ -29,6 +29,9 @@ pub struct DeviceArgs {
     /// would fall behind).
     #[arg(long)]
     pub every_frame: bool,
+    /// Play a recording forth and back without end.
+    #[arg(long = "loop")]
+    pub looped: bool,
     /// Open the device again when no frame has come for this long.
     #[arg(long, value_name = "2s", value_parser = parse_time, default_value = "2s")]
     pub stall: Duration,
@@ -85,6 +88,7 @@ impl DeviceArgs {
     pub fn open(&self, capacity: usize) -> Result<Camera, CliError> {
         let asked = drivers::DeviceOptions {
             unpaced: self.every_frame,
+            looped: self.looped,
             lose_at: self.lose_device_at.clone(),
             openni: self.sensor.options(),
         };

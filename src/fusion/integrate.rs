@@ -1,6 +1,8 @@
 //! A depth picture enters the volume: weighted running average of truncated projective distances
 //! (Curless and Levoy 1996; Newcombe et al., "KinectFusion", 2011, Eq. 6-13).
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use super::block::{Block, ColorBlock, ONE, SIDE, UNSEEN, VOXELS};
 use super::crossings::Sides;
 use super::rays::ViewFromVoxel;

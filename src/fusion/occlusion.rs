@@ -4,6 +4,8 @@
 //! looking up what is empty; reading single voxels where the nearest one is far from any surface gains
 //! nothing over trilinear values everywhere.
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use super::TsdfVolume;
 use super::block::SIDE;
 use super::empty_space::EmptySpace;

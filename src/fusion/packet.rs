@@ -1,6 +1,8 @@
 //! Sixteen rays marched side by side. Lanes whose ray ended keep computing; what they compute is
 //! not taken.
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use super::TsdfVolume;
 use super::block::{Block, ONE, SIDE, UNSEEN};
 use super::crossings::{Bricks, FIRST_OCTANT};

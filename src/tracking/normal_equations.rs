@@ -3,6 +3,8 @@
 //! All geometry is in the axes of the model's view, so positions stay small and f32 is enough however
 //! far from the world's origin the camera is.
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use super::pyramid::Level;
 use super::{LANES, TrackingParams};
 use crate::geometry::GBuffer;

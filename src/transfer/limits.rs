@@ -1,5 +1,7 @@
 //! Depth beyond which samples are hidden, pixel by pixel.
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use super::directions::LANES;
 use super::pyramid::NearestPyramid;
 use super::samples::{Nearest, Place};

@@ -1,5 +1,7 @@
 //! A geometry buffer, made ready for the look-up of sample points, with and without virtual surfaces.
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use super::batch::Batch;
 use super::directions::{DirectionSet, LANES};
 use super::limits::{DepthLimits, Insertion};

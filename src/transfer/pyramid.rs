@@ -1,5 +1,7 @@
 //! The nearest depths of a buffer by square cells of 1, 2, 4, ... pixels.
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use rayon::prelude::*;
 
 /// The coarsest cells have 2^6 pixels a side.

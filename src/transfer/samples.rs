@@ -1,5 +1,7 @@
 //! Where the samples of a batch lie in a view.
 
+#![allow(unsafe_code, reason = "look-ups of inner loops, whose bounds are said beside each")]
+
 use super::batch::Batch;
 use super::directions::{DirectionSet, LANES};
 use crate::math::{View, affine_from_pose};

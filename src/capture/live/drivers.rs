@@ -9,6 +9,8 @@ use std::path::PathBuf;
 pub struct DeviceOptions {
     /// Recordings give a frame as soon as it is wanted, not at its time.
     pub unpaced: bool,
+    /// Recordings are played forth and back without end.
+    pub looped: bool,
     /// Recordings are lost before each of these frames, once each: the way to try what a run does then.
     pub lose_at: Vec<usize>,
     /// Of sensors.
@@ -30,6 +32,7 @@ pub fn find(uri: &str, options: &DeviceOptions) -> Result<NamedDriver, DeviceErr
     match uri.split_once(':') {
         Some(("play", folder)) if !folder.is_empty() => {
             let driver = PlayedDriver::new(folder.as_ref(), !options.unpaced)
+                .looped(options.looped)
                 .losing_device_before(&options.lose_at);
             Ok(NamedDriver { driver: Box::new(driver), recording: Some(folder.into()) })
         }

@@ -16,12 +16,14 @@ const AWAY: Duration = Duration::from_millis(250);
 pub struct PlayedDriver {
     folder: PathBuf,
     paced: bool,
+    looped: bool,
     progress: Arc<Mutex<Progress>>,
 }
 
 /// It goes on from device to device, as the room before a camera does.
 #[derive(Debug, Default)]
 struct Progress {
+    /// Frames played, or passed over.
     next: usize,
     /// When the first frame was due.
     began: Option<Instant>,
@@ -32,7 +34,12 @@ struct Progress {
 impl PlayedDriver {
     /// `paced`: frames come no sooner than their times say, and are over when nobody takes them.
     pub fn new(folder: &Path, paced: bool) -> Self {
-        Self { folder: folder.to_owned(), paced, progress: Arc::default() }
+        Self { folder: folder.to_owned(), paced, looped: false, progress: Arc::default() }
+    }
+
+    /// Plays it forth and back without end, so that the camera's path has no jump; times go on rising.
+    pub fn looped(self, looped: bool) -> Self {
+        Self { looped, ..self }
     }
 
     /// Loses the device before each of these frames, once each.
@@ -61,6 +68,7 @@ impl LiveDriver for PlayedDriver {
             recording,
             threads,
             paced: self.paced,
+            looped: self.looped,
             progress: self.progress.clone(),
         };
         device.pass_over_what_is_gone();
@@ -85,14 +93,34 @@ struct PlayedDevice {
     recording: Sequence,
     threads: rayon::ThreadPool,
     paced: bool,
+    looped: bool,
     progress: Arc<Mutex<Progress>>,
 }
 
 impl PlayedDevice {
+    /// The frame of the recording that is played as number `played`, and its time after the first one's;
+    /// `None` after the last.
+    fn frame_at(&self, played: usize) -> Option<(usize, f64)> {
+        let since_first = |index: usize| {
+            Some(self.recording.timestamp_s(index)? - self.recording.timestamp_s(0)?)
+        };
+        let last = self.recording.pairs().checked_sub(1)?;
+        if !self.looped || last == 0 {
+            return Some((played, since_first(played)?));
+        }
+        let (round, at) = (played / last, played % last);
+        let whole_s = since_first(last)?;
+        let (index, in_round_s) = match round.is_multiple_of(2) {
+            true => (at, since_first(at)?),
+            false => (last - at, whole_s - since_first(last - at)?),
+        };
+        Some((index, round as f64 * whole_s + in_round_s))
+    }
+
     /// When a frame is due; frames after the last are never.
-    fn due(&self, index: usize, began: Instant) -> Option<Instant> {
-        let at = self.recording.timestamp_s(index)? - self.recording.timestamp_s(0)?;
-        Some(began + Duration::try_from_secs_f64(at).unwrap_or_default())
+    fn due(&self, played: usize, began: Instant) -> Option<Instant> {
+        let (_, at_s) = self.frame_at(played)?;
+        Some(began + Duration::try_from_secs_f64(at_s).unwrap_or_default())
     }
 
     /// What a camera that was away has not seen.
@@ -117,28 +145,32 @@ impl LiveDevice for PlayedDevice {
 
     fn wait(&mut self, timeout: Duration) -> Result<Option<RawFrame>, DeviceError> {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        let index = progress.next;
-        if index >= self.recording.pairs() {
+        let played = progress.next;
+        let Some((index, since_first_s)) = self.frame_at(played) else {
             return Err(DeviceError::Ended);
-        }
-        if let Some(lose) = progress.lose_at.iter().position(|&at| at <= index) {
+        };
+        if let Some(lose) = progress.lose_at.iter().position(|&at| at <= played) {
             progress.lose_at.swap_remove(lose);
             progress.lost = Some(Instant::now());
             return Err(DeviceError::Lost("the played device went away".into()));
         }
         let began = *progress.began.get_or_insert_with(Instant::now);
         drop(progress);
-        if let (true, Some(due)) = (self.paced, self.due(index, began)) {
+        if let (true, Some(due)) = (self.paced, self.due(played, began)) {
             let early = due.saturating_duration_since(Instant::now());
             std::thread::sleep(early.min(timeout));
             if early > timeout {
                 return Ok(None);
             }
         }
-        self.progress.lock().unwrap_or_else(PoisonError::into_inner).next = index + 1;
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner).next = played + 1;
         let recording = &mut self.recording;
         match self.threads.install(|| recording.frame(index)) {
-            Ok(frame) => Ok(Some(frame)),
+            Ok(frame) if played == index => Ok(Some(frame)),
+            Ok(frame) => {
+                let first_s = recording.timestamp_s(0).unwrap_or_default();
+                Ok(Some(RawFrame { timestamp_s: first_s + since_first_s, ..frame }))
+            }
             Err(error @ CaptureError::Frame { .. }) => {
                 Err(DeviceError::BadFrame(error.to_string()))
             }

@@ -364,3 +364,19 @@ fn a_played_recording_comes_whole_where_it_is_not_paced() {
     let counts = source.counts();
     assert_eq!((counts.bad, counts.outages, counts.dropped), (1, 2, 0));
 }
+
+#[test]
+fn a_looped_recording_plays_forth_and_back_with_times_that_rise() {
+    let folder = tempfile::tempdir().unwrap();
+    record(folder.path(), 4);
+    let driver = PlayedDriver::new(folder.path(), false).looped(true);
+    let options = LiveOptions { most_frames: Some(10), ..every() };
+    let mut source = LiveSource::open(Box::new(driver), options).unwrap();
+    let frames = all(&mut source);
+    let numbers: Vec<_> = frames.iter().map(|f| f.color.as_slice()[0][0]).collect();
+    assert_eq!(numbers, [0, 1, 2, 3, 2, 1, 0, 1, 2, 3]);
+    for (k, frame) in frames.iter().enumerate() {
+        assert!((frame.timestamp_s - 100.0 - k as f64 / 30.0).abs() < 1e-5, "{frame:?}");
+    }
+    assert_eq!(source.counts().clock_jumps, 0);
+}

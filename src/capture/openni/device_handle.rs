@@ -1,5 +1,7 @@
 //! An open device, its streams and its frames, closed and released when dropped.
 
+#![allow(unsafe_code, reason = "calls of a C library")]
+
 use super::ffi::{self, VideoMode};
 use super::runtime::{FoundDevice, Runtime, losses};
 use crate::capture::live::DeviceError;

@@ -1,6 +1,8 @@
 //! The part of OpenNI 2.2's C interface that is used here: structures as they lie in memory, and
 //! functions found by name when the library is loaded.
 
+#![allow(unsafe_code, reason = "calls of a C library")]
+
 use libloading::{Error, Library};
 use std::ffi::{c_char, c_int, c_void};
 

@@ -1,5 +1,7 @@
 //! Where OpenNI2 is found.
 
+#![allow(unsafe_code, reason = "calls of a C library")]
+
 use super::ffi::Api;
 use crate::capture::live::DeviceError;
 use libloading::Library;

@@ -1,5 +1,7 @@
 //! `.oni` recordings of streams, made by OpenNI2 itself.
 
+#![allow(unsafe_code, reason = "calls of a C library")]
+
 use super::device_handle::Stream;
 use super::ffi;
 use super::runtime::Runtime;

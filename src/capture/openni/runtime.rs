@@ -3,6 +3,8 @@
 //! Initialising changes the working directory for a moment and shutting down with a driver's thread still
 //! running crashes, so neither is repeated: devices that come later are announced by their drivers.
 
+#![allow(unsafe_code, reason = "calls of a C library")]
+
 use super::device_handle::Device;
 use super::ffi::{self, Api};
 use super::library;
