@@ -48,6 +48,7 @@ pub mod report;
 pub mod budget;
 pub mod calibrate;
 pub mod config;
+pub mod diagnosis;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod image;

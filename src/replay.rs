@@ -5,7 +5,7 @@ use crate::capture::live::LiveSummary;
 use crate::capture::{CaptureError, FrameSource, RawFrame, SkippedFrame};
 use crate::eval::light::LightTruth;
 use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
-use crate::math::{Pose, median, quantile};
+use crate::math::{Distribution, Pose};
 use crate::output::{OutputError, RunWriter};
 use crate::pipeline::{Backend, BackendRecord, FrameOutcome, PipelineError};
 use crate::timing::{Stage, StageTimes};
@@ -65,10 +65,12 @@ struct Tally {
     frames: usize,
     fused: usize,
     states: BTreeMap<String, usize>,
+    /// Whether there are, or may come, poses to compare with: a camera has none, and runs for hours.
+    comparable: bool,
     estimated: Vec<TimedPose>,
     recorded: Vec<TimedPose>,
-    angles_deg: Vec<f64>,
-    relative_l2: Vec<f64>,
+    angles_deg: Distribution,
+    relative_l2: Distribution,
     volume_bytes: usize,
 }
 
@@ -85,7 +87,7 @@ pub fn replay(
     truth: Option<&LightTruth>,
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<ReplaySummary, ReplayError> {
-    let mut tally = Tally::default();
+    let mut tally = Tally { comparable: source.len().is_some(), ..Tally::default() };
     let ended = every_frame(source, pipeline, writer, governor, &mut |outcome| {
         tally.add(outcome, truth);
         on_frame(outcome);
@@ -148,7 +150,8 @@ impl Tally {
         self.volume_bytes = self.volume_bytes.max(outcome.volume_bytes);
         let timed =
             |pose: Pose| TimedPose { timestamp_s: outcome.timestamp_s, world_from_camera: pose };
-        if outcome.composed {
+        self.comparable |= outcome.recorded_pose.is_some();
+        if outcome.composed && self.comparable {
             self.estimated.push(timed(outcome.tracking.world_from_camera));
         }
         self.recorded.extend(outcome.recorded_pose.map(timed));
@@ -156,7 +159,9 @@ impl Tally {
             return;
         }
         if let Some(error) = truth.and_then(|t| t.error_of(outcome.index, &outcome.light)) {
-            self.angles_deg.extend(error.angle_deg);
+            if let Some(angle_deg) = error.angle_deg {
+                self.angles_deg.push(angle_deg);
+            }
             self.relative_l2.push(error.relative_l2);
         }
     }
@@ -182,13 +187,12 @@ impl Tally {
     }
 
     fn light_errors(&self) -> Option<LightErrors> {
-        let angle_deg = |share| quantile(self.angles_deg.iter().copied(), share);
         Some(LightErrors {
-            frames: self.angles_deg.len(),
-            median_deg: median(self.angles_deg.iter().copied())?,
-            p95_deg: angle_deg(0.95)?,
-            max_deg: angle_deg(1.0)?,
-            median_relative_l2: median(self.relative_l2.iter().copied())?,
+            frames: self.angles_deg.count(),
+            median_deg: self.angles_deg.median()?,
+            p95_deg: self.angles_deg.quantile(0.95)?,
+            max_deg: self.angles_deg.largest()?,
+            median_relative_l2: self.relative_l2.median()?,
         })
     }
 }

@@ -227,6 +227,7 @@ mod ended_from_outside {
         assert!(sent.expect("there is a kill program").success());
     }
 
+    /// Of a list, without its header.
     fn lines(path: &Path) -> usize {
         let text = std::fs::read_to_string(path).unwrap_or_default();
         text.lines().filter(|line| !line.starts_with('#')).count()
@@ -240,6 +241,37 @@ mod ended_from_outside {
         }
     }
 
+    /// Every line of a list, with the pictures that it names.
+    fn listed(folder: &Path, list: &str) -> Vec<String> {
+        let text = std::fs::read_to_string(folder.join(list)).unwrap();
+        assert!(text.ends_with('\n'), "{list} ends within a line");
+        let lines: Vec<_> =
+            text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect();
+        for line in &lines {
+            for file in line.split(' ').filter(|word| word.contains('/')) {
+                let picture = image::open(folder.join(file));
+                assert!(picture.is_ok(), "{list} names {file}: {picture:?}");
+            }
+        }
+        lines
+    }
+
+    /// Frames of `out`, each whole and as it was played; every list names them.
+    fn assert_whole(out: &Path, played: &[RawFrame]) -> Vec<RawFrame> {
+        let read = frames_of(out);
+        for list in ["associations.txt", "rgb.txt", "depth.txt"] {
+            let lines = listed(out, list);
+            // A kill between the lines of one frame leaves it in the first lists alone.
+            let more = lines.len() - read.len();
+            assert!(more <= usize::from(list != "associations.txt"), "{list}: {more} more");
+        }
+        for frame in &read {
+            let same = played.iter().find(|p| p.timestamp_s == frame.timestamp_s);
+            assert_equal(frame, same.expect("a frame that was played"));
+        }
+        read
+    }
+
     #[test]
     fn a_killed_recording_holds_all_but_the_last_second() {
         let made = Made::new(&long(400, SMALL));
@@ -247,24 +279,47 @@ mod ended_from_outside {
         let mut child = start(&["record", "--device", &device, "--out", text(&out)]);
         let list = out.join("associations.txt");
         until_lines(&list, 1);
+        let first_written = Instant::now();
         std::thread::sleep(Duration::from_millis(2500));
+        let before_kill = first_written.elapsed().as_secs_f64();
+        let listed_before = lines(&list);
         signal(&child, "-KILL");
-        let killed = lines(&list);
         child.wait().unwrap();
 
-        let (read, played) = (frames_of(&out), frames_of(&made.sequence()));
-        assert!(read.len() >= killed && read.len() < played.len(), "{} {killed}", read.len());
-        for frame in &read {
-            let same = played.iter().find(|p| p.timestamp_s == frame.timestamp_s);
-            assert_equal(frame, same.expect("a frame that was played"));
-        }
-        // The device was asked for 2.5 s of frames since the first was written.
-        let recorded_s = read[read.len() - 1].timestamp_s - read[0].timestamp_s;
-        assert!(recorded_s >= 1.5, "{recorded_s} s in {} frames", read.len());
+        let played = frames_of(&made.sequence());
+        let read = assert_whole(&out, &played);
+        assert!(read.len() >= listed_before && read.len() < played.len(), "{}", read.len());
+        // The device plays in real time and was at its first frame when that was found written, or later: all
+        // that it gave until a second before the kill was due when `before_kill - 1` had passed.
+        let recorded_s = read[read.len() - 1].timestamp_s - played[0].timestamp_s;
+        assert!(recorded_s >= before_kill - 1.0, "{recorded_s} s of {before_kill} s");
         let replayed = made.at("replayed");
         let args = ["--frames", "0..1", "--no-object", "--preset", "ours-fast"];
         let replay = ["replay", text(&out), "--backend", "cpu", "--out", text(&replayed)];
         assert_eq!(kinlight_json(&[&replay[..], &args].concat())["frames"], 1);
+    }
+
+    /// Killed at any point of its work, with a device that loses nothing: what is there is the beginning of what
+    /// was played, without a gap.
+    #[test]
+    fn a_killed_recording_is_whole_up_to_its_last_frame() {
+        let made = Made::new(&long(2000, SMALL));
+        let played = frames_of(&made.sequence());
+        for kill_at in [1, 7, 60, 150] {
+            let (device, out) = (made.device(), made.at(&format!("out{kill_at}")));
+            let mut child =
+                start(&["record", "--device", &device, "--every-frame", "--out", text(&out)]);
+            let list = out.join("associations.txt");
+            until_lines(&list, kill_at);
+            signal(&child, "-KILL");
+            child.wait().unwrap();
+            let read = assert_whole(&out, &played);
+            assert!(read.len() >= kill_at, "{} of {kill_at}", read.len());
+            assert!(read.len() < played.len(), "it had come to its end");
+            let times =
+                |frames: &[RawFrame]| frames.iter().map(|f| f.timestamp_s).collect::<Vec<_>>();
+            assert_eq!(times(&read), times(&played[..read.len()]));
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ mod common;
 use common::text;
 use common::virtual_sensor::{Played, installed, scenario, with_sensor};
 use kinlight::capture::live::{DeviceError, LiveDevice, LiveDriver};
-use kinlight::capture::openni::{OniOptions, OniSource, OpenniDriver, OpenniOptions};
+use kinlight::capture::openni::{OniFiles, OniOptions, OniSource, OpenniDriver, OpenniOptions};
 use kinlight::capture::{
     Calibration, CaptureOptions, FrameSource, RawFrame, Registration, open_sequence,
 };
@@ -270,7 +270,7 @@ fn a_recording_plays_what_was_recorded() {
         |folder| demo().write(folder, USUAL),
         |folder| {
             let (played, file) = (demo(), folder.join("room.oni"));
-            let record = Some(file.clone());
+            let record = Some(OniFiles::new(&file));
             let mut device = open(OpenniOptions { record, ..OpenniOptions::default() }).unwrap();
             // The library's recorder starts on a thread of its own.
             std::thread::sleep(Duration::from_millis(500));
@@ -445,7 +445,8 @@ fn an_unplugged_sensor_is_lost_and_comes_back() {
         "an_unplugged_sensor_is_lost_and_comes_back",
         |folder| noise().write(folder, &format!("{USUAL}fault unplug 5 400\n")),
         |folder| {
-            let record = Some(folder.join("room.oni"));
+            let files = OniFiles::new(folder.join("room.oni"));
+            let record = Some(files.clone());
             let mut driver =
                 OpenniDriver::new(None, OpenniOptions { record, ..OpenniOptions::default() });
             let mut device = driver.open().unwrap();
@@ -465,7 +466,8 @@ fn an_unplugged_sensor_is_lost_and_comes_back() {
                 same(&next(&mut *device).unwrap(), &noise(), k, 1000.0);
             }
             drop(device);
-            assert!(folder.join("room.oni").is_file() && folder.join("room-2.oni").is_file());
+            assert_eq!(files.begun(), ["room.oni", "room-2.oni"].map(|name| folder.join(name)));
+            assert!(files.begun().iter().all(|file| file.is_file()));
         },
     );
 }

@@ -4,6 +4,9 @@ use super::{Controller, Ladder, Rung};
 use crate::pipeline::{Backend, FrameOutcome, PipelineError};
 use std::time::Duration;
 
+/// Changes that are listed; all are counted.
+const MOST_LISTED: usize = 1000;
+
 /// Keeps a run within its budget, frame by frame.
 #[derive(Debug)]
 pub struct Governor {
@@ -13,6 +16,7 @@ pub struct Governor {
     frames: usize,
     within: usize,
     warned: bool,
+    changes: usize,
     switches: Vec<Switch>,
 }
 
@@ -36,6 +40,8 @@ pub struct BudgetSummary {
     /// Composed frames, and how many of them took no longer than the budget.
     pub frames: usize,
     pub within: usize,
+    /// How often the settings changed, and the first thousand times.
+    pub changes: usize,
     pub switches: Vec<Switch>,
 }
 
@@ -60,6 +66,7 @@ impl Governor {
             frames: 0,
             within: 0,
             warned: false,
+            changes: 0,
             switches: Vec::new(),
         }
     }
@@ -103,7 +110,10 @@ impl Governor {
             switch.from,
             switch.to
         );
-        self.switches.push(switch);
+        self.changes += 1;
+        if self.switches.len() < MOST_LISTED {
+            self.switches.push(switch);
+        }
         pipeline.reconfigure(self.rung().settings.clone())?;
         Ok(Some(&self.rung().name))
     }
@@ -116,6 +126,7 @@ impl Governor {
             ended_with: self.rung().name.clone(),
             frames: self.frames,
             within: self.within,
+            changes: self.changes,
             switches: self.switches.clone(),
         }
     }
@@ -137,11 +148,7 @@ impl std::fmt::Display for BudgetSummary {
         write!(
             f,
             "budget {:.1} ms: {} of {} frames within it, {} changes of settings, ended with '{}'",
-            self.budget_ms,
-            self.within,
-            self.frames,
-            self.switches.len(),
-            self.ended_with
+            self.budget_ms, self.within, self.frames, self.changes, self.ended_with
         )
     }
 }

@@ -2,8 +2,7 @@
 
 use super::calibrate::Calibrate;
 use super::convert::ConvertArgs;
-#[cfg(feature = "gpu")]
-use super::doctor::DoctorArgs;
+use super::doctor::{DoctorArgs, PROBE, ProbeArgs};
 #[cfg(feature = "gpu")]
 use super::parity::ParityArgs;
 use super::record::RecordArgs;
@@ -61,8 +60,9 @@ pub enum Command {
         what: Calibrate,
     },
     Report(ReportArgs),
-    #[cfg(feature = "gpu")]
     Doctor(DoctorArgs),
+    #[command(name = PROBE, hide = true)]
+    DoctorProbe(ProbeArgs),
     #[cfg(feature = "gpu")]
     Parity(ParityArgs),
 }

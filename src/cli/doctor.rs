@@ -1,72 +1,126 @@
-//! `kinlight doctor`: the graphics devices of this machine.
+//! `kinlight doctor`: what this machine has, and what keeps a camera from working.
+
+mod cameras;
+#[cfg(feature = "gpu")]
+mod graphics;
 
 use super::Talk;
 use super::error::CliError;
+use super::live::parse_time;
 use clap::Args;
-use kinlight::gpu::AdapterChoice;
-use kinlight::gpu::diagnosis::{AdapterReport, Verdict, diagnose};
+use kinlight::diagnosis::{self, Machine, Optional, Prober, Question, answer};
+use serde_json::{Value, json};
+use std::ffi::OsString;
+use std::time::Duration;
 
-/// Say which graphics devices there are, what they can do, and which would be taken.
+/// Say which graphics devices and cameras there are, what they can do, and what to do about those that do
+/// not work.
+///
+/// Drivers of cameras are loaded and opened in processes of their own: one that crashes or hangs is reported.
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
-    /// Look at the adapter whose name or driver contains this.
-    #[arg(long, value_name = "NAME")]
+    /// Look at the adapter whose name or driver contains this, and at nothing else.
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "NAME", conflicts_with = "devices")]
     adapter: Option<String>,
+    /// Only list what --device takes here, one a line.
+    #[arg(long)]
+    devices: bool,
+    /// Drivers of cameras that do not answer for this long are given up.
+    #[arg(long, value_name = "15s", value_parser = parse_time, default_value = "15s")]
+    patience: Duration,
 }
 
+/// Answer one question about drivers, for doctor.
+#[derive(Debug, Args)]
+pub struct ProbeArgs {
+    #[arg(required = true)]
+    question: Vec<OsString>,
+}
+
+/// Name of that command.
+pub const PROBE: &str = "doctor-probe";
+
 pub fn run(args: &DoctorArgs, talk: Talk) -> Result<(), CliError> {
-    let choice = args.adapter.clone().map_or(AdapterChoice::Best, AdapterChoice::Named);
-    let (reports, verdict) = diagnose(&choice).map_err(|e| CliError::Usage(e.to_string()))?;
-    for report in &reports {
-        talk.say(describe(report));
+    let prober = Prober {
+        program: std::env::current_exe().map_err(|error| {
+            CliError::Run(format!("where this program is cannot be found out: {error}"))
+        })?,
+        arguments: vec![PROBE.into()],
+        limit: args.patience,
+    };
+    if args.devices {
+        return list_devices(&prober, talk);
     }
-    let taken = verdict.adapter.as_deref().unwrap_or("the CPU backend");
-    talk.say(format!("would be taken: {taken}, because {}", verdict.because));
-    talk.result(&as_json(&reports, &verdict));
+    let mut result = graphics(args, talk)?;
+    #[cfg(feature = "gpu")]
+    if args.adapter.is_some() {
+        talk.result(&result);
+        return Ok(());
+    }
+    let report = diagnosis::cameras(&Machine::this(), &prober);
+    talk.say(cameras::describe(&report));
+    let optional = diagnosis::optional(args.patience);
+    talk.say(describe_optional(&optional));
+    for (i, problem) in report.problems.iter().enumerate() {
+        talk.say(format_args!("{}. {}\n   -> {}", i + 1, problem.what, problem.fix));
+    }
+    talk.say(match report.problems.len() {
+        0 => "no problems".to_owned(),
+        1 => "1 problem".to_owned(),
+        n => format!("{n} problems"),
+    });
+    result["cameras"] = json!(report);
+    result["optional"] = json!(optional);
+    result["features"] =
+        diagnosis::features().iter().map(|&(n, on)| (n.to_owned(), on.into())).collect();
+    result["problems"] = json!(report.problems);
+    talk.result(&result);
     Ok(())
 }
 
-fn describe(report: &AdapterReport) -> String {
-    let mut text = format!("{}\n", report.summary);
-    let (there, missing) = report.features();
-    let list = |names: &[&str]| match names {
-        [] => "none".to_owned(),
-        names => names.join(", "),
-    };
-    text += &format!("  optional features: {}; missing: {}\n", list(&there), list(&missing));
-    for (name, value) in report.limits() {
-        text += &format!("  {name}: {value}\n");
-    }
-    for (name, has, needed) in &report.short_of {
-        text += &format!("  falls short of WebGPU's {name}: {has} of {needed}\n");
-    }
-    match &report.opens {
-        None => text += "  was not opened",
-        Some(Ok(())) => text += "  opens with WebGPU's default limits",
-        Some(Err(error)) => text += &format!("  does not open: {error}"),
-    }
-    text
+pub fn probe(args: &ProbeArgs) -> Result<(), CliError> {
+    let question = Question::parse(&args.question)
+        .ok_or_else(|| CliError::Usage(format!("{:?} is no question", args.question)))?;
+    answer(&question, &mut std::io::stdout()).map_err(|e| CliError::Output(e.to_string()))
 }
 
-fn as_json(reports: &[AdapterReport], verdict: &Verdict) -> serde_json::Value {
-    let adapters: Vec<_> = reports
-        .iter()
-        .map(|report| {
-            serde_json::json!({
-                "name": report.summary.name,
-                "api": report.summary.api,
-                "driver": report.summary.driver,
-                "software": report.summary.is_software(),
-                "features": report.features().0,
-                "limits": report.limits().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
-                "short_of": report.short_of.iter().map(|(name, ..)| name).collect::<Vec<_>>(),
-                "error": report.opens.as_ref().and_then(|o| o.as_ref().err()).map(ToString::to_string),
-            })
-        })
-        .collect();
-    serde_json::json!({
-        "adapters": adapters,
-        "taken": verdict.adapter,
-        "because": verdict.because,
-    })
+#[cfg(feature = "gpu")]
+fn graphics(args: &DoctorArgs, talk: Talk) -> Result<Value, CliError> {
+    graphics::look(args.adapter.as_deref(), talk)
+}
+
+#[cfg(not(feature = "gpu"))]
+fn graphics(_args: &DoctorArgs, _talk: Talk) -> Result<Value, CliError> {
+    Ok(json!({}))
+}
+
+fn list_devices(prober: &Prober, talk: Talk) -> Result<(), CliError> {
+    let devices = diagnosis::devices(prober)
+        .map_err(|failure| CliError::Device(format!("{failure} (`kinlight doctor` says more)")))?;
+    if devices.is_empty() {
+        log::warn!("no camera is there (`kinlight doctor` says what to look at)");
+    }
+    for device in &devices {
+        talk.say(&device.device);
+    }
+    talk.result(&json!({ "devices": devices }));
+    Ok(())
+}
+
+fn describe_optional(optional: &[Optional]) -> String {
+    let mut text = "optional\n".to_owned();
+    for Optional { program, version, used_for, install } in optional {
+        text += &match version {
+            Some(version) => format!("  {program}: {version}\n"),
+            None => format!("  {program}: missing; {used_for} needs it: {install}\n"),
+        };
+    }
+    let features = diagnosis::features();
+    let named = |wanted: bool| {
+        let names: Vec<_> =
+            features.iter().filter(|(_, on)| *on == wanted).map(|(n, _)| *n).collect();
+        if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+    };
+    text + &format!("  features of this build: {}; without: {}", named(true), named(false))
 }

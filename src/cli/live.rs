@@ -4,7 +4,7 @@ use super::CliError;
 use super::args::parse_size;
 use clap::Args;
 use kinlight::capture::live::{Delivery, LiveOptions, LiveSource, Monitor, drivers};
-use kinlight::capture::openni::OpenniOptions;
+use kinlight::capture::openni::{OniFiles, OpenniOptions};
 use std::collections::VecDeque;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -86,11 +86,36 @@ pub struct Camera {
 impl DeviceArgs {
     /// Opens the camera; Ctrl-C ends it from now on. `capacity`: frames that may wait for the run.
     pub fn open(&self, capacity: usize) -> Result<Camera, CliError> {
+        self.open_with(capacity, self.sensor.options(), LiveOptions::default())
+    }
+
+    /// Opens a sensor that OpenNI2 records to `files`; its end waits for them for `close_timeout`.
+    pub fn open_recording(
+        &self,
+        capacity: usize,
+        files: &OniFiles,
+        close_timeout: Duration,
+    ) -> Result<Camera, CliError> {
+        let sensor = OpenniOptions { record: Some(files.clone()), ..self.sensor.options() };
+        self.open_with(capacity, sensor, LiveOptions { close_timeout, ..LiveOptions::default() })
+    }
+
+    /// Whether it is a sensor of OpenNI2's.
+    pub fn is_openni(&self) -> bool {
+        self.device == "openni" || self.device.starts_with("openni:")
+    }
+
+    fn open_with(
+        &self,
+        capacity: usize,
+        openni: OpenniOptions,
+        live: LiveOptions,
+    ) -> Result<Camera, CliError> {
         let asked = drivers::DeviceOptions {
             unpaced: self.every_frame,
             looped: self.looped,
             lose_at: self.lose_device_at.clone(),
-            openni: self.sensor.options(),
+            openni,
         };
         let named =
             drivers::find(&self.device, &asked).map_err(|e| CliError::Usage(e.to_string()))?;
@@ -103,7 +128,7 @@ impl DeviceArgs {
             give_up_after: self.give_up_after,
             most_frames: self.frames.map(NonZeroUsize::get),
             most_time: self.duration,
-            ..LiveOptions::default()
+            ..live
         };
         let source = LiveSource::open(named.driver, options)
             .map_err(|e| CliError::Device(format!("{}: {e}", self.device)))?;
@@ -131,7 +156,7 @@ fn end_on_interrupt(monitor: Monitor) -> Result<(), CliError> {
 }
 
 /// A number with ms, s, min or h behind it, up to a year.
-fn parse_time(text: &str) -> Result<Duration, String> {
+pub fn parse_time(text: &str) -> Result<Duration, String> {
     let text = text.trim();
     let units = [("ms", 1e-3), ("min", 60.0), ("s", 1.0), ("h", 3600.0)];
     let split = units.iter().find_map(|(name, s)| text.strip_suffix(name).map(|n| (n, s)));

@@ -5,7 +5,6 @@ mod backend;
 mod calibrate;
 mod commands;
 mod convert;
-#[cfg(feature = "gpu")]
 mod doctor;
 mod error;
 mod live;
@@ -46,8 +45,8 @@ pub fn main() -> ExitCode {
         Command::Tradeoff(args) => tradeoff::run(args, talk),
         Command::Calibrate { what } => calibrate::run(what, talk),
         Command::Report(args) => report::run(args, talk),
-        #[cfg(feature = "gpu")]
         Command::Doctor(args) => doctor::run(args, talk),
+        Command::DoctorProbe(args) => doctor::probe(args),
         #[cfg(feature = "gpu")]
         Command::Parity(args) => parity::run(args, talk),
     };

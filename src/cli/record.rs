@@ -3,24 +3,32 @@
 use super::live::{Camera, DeviceArgs, Rate};
 use super::{CliError, Talk};
 use clap::Args;
-use kinlight::capture::live::DeviceInfo;
+use kinlight::capture::live::{DeviceInfo, LiveSummary};
+use kinlight::capture::openni::{OniFiles, OniOptions, OniSource};
 use kinlight::capture::writer::{
     ColorFormat, DEPTH_SCALE, DepthFormat, DepthLoss, Recorder, TumOptions, TumWriter,
 };
-use kinlight::capture::{CaptureError, FrameSource};
+use kinlight::capture::{CaptureError, FrameSource, RawFrame};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-/// Record a camera into a folder in the TUM layout, without loss, until Ctrl-C.
+/// Record a camera into a folder in the TUM layout, without loss, or into a .oni file, until Ctrl-C.
 ///
-/// Whatever ends the program, the folder is a recording of all but the last second.
+/// Whatever ends the program, the folder is a recording of all but the last second. A .oni file gets its
+/// index only at the end: where the program is killed, nothing can play it.
 #[derive(Debug, Args)]
 pub struct RecordArgs {
     #[command(flatten)]
     device: DeviceArgs,
-    /// Folder for the recording.
-    #[arg(long)]
+    /// Folder for the recording; a name that ends with .oni: a file, which OpenNI2's own recorder writes, as
+    /// with --oni.
+    #[arg(long, value_name = "FOLDER|FILE.oni")]
     out: PathBuf,
+    /// Also record to this file, as the sensor gives it, before any registration by calibration. A sensor that is
+    /// lost and opened again continues in FILE-2.oni.
+    #[arg(long, value_name = "FILE.oni")]
+    oni: Option<PathBuf>,
     #[command(flatten)]
     depth: DepthArgs,
 }
@@ -71,48 +79,165 @@ const QUEUE: usize = 8;
 /// More do not help: a camera gives 30 frames a second, an encoder takes some 20 ms for one.
 const MOST_ENCODERS: usize = 4;
 
+/// OpenNI2 may have much to write before a .oni file is whole; Ctrl-C a second time ends the wait.
+const CLOSE_ONI: Duration = Duration::from_secs(60);
+
 pub fn run(args: &RecordArgs, talk: Talk) -> Result<(), CliError> {
-    let mut camera = args.device.open(QUEUE)?;
-    let options = TumOptions {
-        camera: camera.source.camera(),
-        color: ColorFormat::Png,
-        depth: args.depth.format(),
-        calibration: Some(described(camera.source.info())),
+    let Targets { folder, oni } = args.targets()?;
+    let mut camera = match &oni {
+        Some(files) => args.device.open_recording(QUEUE, files, CLOSE_ONI)?,
+        None => args.device.open(QUEUE)?,
     };
-    let writer = TumWriter::start(&args.out, &options).map_err(unwritable)?;
-    let mut recorder = Recorder::new(writer, encoders()).map_err(unwritable)?;
-    let ended = record(&mut camera, &mut recorder, args.device.every_frame, talk)?;
-    let (writer, counts) = recorder.finish().map_err(unwritable)?;
-    let loss = writer.loss();
-    let frames = writer.finish().map_err(unwritable)?;
+    let mut sink = match folder {
+        Some(folder) => Sink::Folder(Box::new(args.recorder(folder, &camera)?)),
+        None => Sink::Nowhere { frames: 0 },
+    };
+    let ended = record(&mut camera, &mut sink, args.device.every_frame, talk)?;
+    let written = sink.finish().map_err(unwritable)?;
     let live = camera.source.live();
+    // The .oni file is whole only now.
     drop(camera);
-    args.depth.tell(&loss);
+    let files = oni.map_or_else(Vec::new, |files| args.read_back(&files));
+    if let Some(loss) = &written.loss {
+        args.depth.tell(loss);
+    }
+    let Written { frames, .. } = written;
     if let Some(error) = ended {
         return Err(CliError::Device(format!("{error}; {frames} frames are recorded")));
     }
     if frames == 0 {
         return Err(CliError::Device("the camera gave no frame".into()));
     }
-    if let Some(live) = &live {
-        talk.say(format_args!("camera: {}", live.counts));
-    }
-    let (dropped, out) = (counts.dropped, args.out.display());
-    talk.say(format_args!("{frames} frames written to {out}, {dropped} dropped while writing"));
-    talk.result(&json!({
-        "out": args.out,
-        "frames": frames,
-        "dropped_writing": dropped,
-        "depth_loss": loss,
-        "live": live,
-    }));
+    tell(&args.out, &written, &files, live, talk);
     Ok(())
+}
+
+/// What is written.
+struct Targets<'a> {
+    folder: Option<&'a Path>,
+    oni: Option<OniFiles>,
+}
+
+impl RecordArgs {
+    fn targets(&self) -> Result<Targets<'_>, CliError> {
+        let is_file = self.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("oni"));
+        let (folder, file) = match (is_file, &self.oni) {
+            (true, Some(_)) => {
+                let out = self.out.display();
+                return Err(CliError::Usage(format!(
+                    "--oni goes with a folder, and --out {out} is a file"
+                )));
+            }
+            (true, None) => (None, Some(&self.out)),
+            (false, file) => (Some(&*self.out), file.as_ref()),
+        };
+        let Some(file) = file else { return Ok(Targets { folder, oni: None }) };
+        let name = file.display();
+        if !self.device.is_openni() {
+            return Err(CliError::Usage(format!(
+                "{name}: only OpenNI2's sensors can be recorded to a .oni file, not --device {}",
+                self.device.device
+            )));
+        }
+        if file.exists() {
+            return Err(CliError::Output(format!(
+                "{name} is there already: remove it, or choose another name"
+            )));
+        }
+        // OpenNI2 would only say that it cannot.
+        let parent = file.parent().filter(|p| !p.as_os_str().is_empty());
+        if let Some(parent) = parent {
+            std::fs::create_dir_all(parent)
+                .map_err(|error| CliError::Output(format!("{}: {error}", parent.display())))?;
+        }
+        Ok(Targets { folder, oni: Some(OniFiles::new(file)) })
+    }
+
+    fn recorder(&self, folder: &Path, camera: &Camera) -> Result<Recorder, CliError> {
+        let options = TumOptions {
+            camera: camera.source.camera(),
+            color: ColorFormat::Png,
+            depth: self.depth.format(),
+            calibration: Some(described(camera.source.info())),
+        };
+        let writer = TumWriter::start(folder, &options).map_err(unwritable)?;
+        Recorder::new(writer, encoders()).map_err(unwritable)
+    }
+
+    /// Opens each file: what it holds is what its index says.
+    fn read_back(&self, files: &OniFiles) -> Vec<serde_json::Value> {
+        let calibration = self.device.sensor.calibration.clone();
+        let options = OniOptions { calibration, ..OniOptions::default() };
+        let look = |file: &PathBuf| match OniSource::open(file, &options) {
+            Ok(source) => {
+                let [depth, color] = source.info().counts;
+                json!({ "file": file, "depth_frames": depth, "color_frames": color })
+            }
+            Err(error) => {
+                log::error!("what was recorded does not open: {error}");
+                json!({ "file": file, "error": error.to_string() })
+            }
+        };
+        files.begun().iter().map(look).collect()
+    }
+}
+
+/// Where frames go.
+enum Sink {
+    Folder(Box<Recorder>),
+    /// OpenNI2 records by itself while frames are taken.
+    Nowhere {
+        frames: usize,
+    },
+}
+
+/// What a sink has taken.
+struct Written {
+    frames: usize,
+    dropped: usize,
+    /// In a folder.
+    loss: Option<DepthLoss>,
+}
+
+impl Sink {
+    fn take(&mut self, frame: RawFrame, every_frame: bool) -> Result<(), CaptureError> {
+        match self {
+            Self::Folder(recorder) if every_frame => recorder.push(frame),
+            Self::Folder(recorder) => recorder.offer(frame),
+            Self::Nowhere { frames } => {
+                *frames += 1;
+                Ok(())
+            }
+        }
+    }
+
+    /// Frames taken and dropped until now.
+    fn counts(&self) -> (usize, usize) {
+        match self {
+            Self::Folder(recorder) => {
+                let counts = recorder.counts();
+                (counts.written, counts.dropped)
+            }
+            Self::Nowhere { frames } => (*frames, 0),
+        }
+    }
+
+    fn finish(self) -> Result<Written, CaptureError> {
+        match self {
+            Self::Folder(recorder) => {
+                let (writer, counts) = recorder.finish()?;
+                let loss = Some(writer.loss());
+                Ok(Written { frames: writer.finish()?, dropped: counts.dropped, loss })
+            }
+            Self::Nowhere { frames } => Ok(Written { frames, dropped: 0, loss: None }),
+        }
+    }
 }
 
 /// Until the camera's end, which may be an error, or an error in writing.
 fn record(
     camera: &mut Camera,
-    recorder: &mut Recorder,
+    sink: &mut Sink,
     every_frame: bool,
     talk: Talk,
 ) -> Result<Option<CaptureError>, CliError> {
@@ -125,19 +250,50 @@ fn record(
                 return Ok(ended.err());
             }
         };
-        let taken = if every_frame { recorder.push(frame) } else { recorder.offer(frame) };
-        taken.map_err(unwritable)?;
+        sink.take(frame, every_frame).map_err(unwritable)?;
         rate.tick();
-        let (counts, written) = (monitor.counts(), recorder.counts());
+        let (counts, (written, dropped)) = (monitor.counts(), sink.counts());
         bar.set_message(format!(
-            "{:.1} FPS  {} frames written, {} dropped, {} bad{}",
+            "{:.1} FPS  {written} frames written, {} dropped, {} bad{}",
             rate.per_second(),
-            written.written,
-            counts.dropped + written.dropped,
+            counts.dropped + dropped,
             counts.bad,
             if monitor.is_down() { "  no camera" } else { "" },
         ));
     }
+}
+
+fn tell(
+    out: &Path,
+    written: &Written,
+    files: &[serde_json::Value],
+    live: Option<LiveSummary>,
+    talk: Talk,
+) {
+    if let Some(live) = &live {
+        talk.say(format_args!("camera: {}", live.counts));
+    }
+    let Written { frames, dropped, loss } = written;
+    if loss.is_some() {
+        let out = out.display();
+        talk.say(format_args!("{frames} frames written to {out}, {dropped} dropped while writing"));
+    }
+    for file in files {
+        let name = file["file"].as_str().unwrap_or_default();
+        if let (Some(depth), Some(color)) =
+            (file["depth_frames"].as_u64(), file["color_frames"].as_u64())
+        {
+            talk.say(format_args!("{depth} depth and {color} colour frames written to {name}"));
+        }
+    }
+    talk.result(&json!({
+        "out": out,
+        "frames": frames,
+        "dropped_writing": dropped,
+        "depth_loss": loss,
+        "oni": files,
+        "live": live,
+    }));
 }
 
 /// Threads that encode pictures.

@@ -2,12 +2,14 @@
 
 pub mod bvh;
 pub mod color;
+mod distribution;
 mod fibonacci;
 pub mod random;
 pub mod sh;
 mod statistics;
 mod view;
 
+pub use distribution::Distribution;
 pub use fibonacci::{fibonacci_sphere, fibonacci_sphere_f64};
 pub use statistics::{median, quantile};
 pub use view::{Orthographic, Pinhole, Projection, View};

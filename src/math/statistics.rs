@@ -18,9 +18,14 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 /// It is always one of the values. A share outside [0, 1] is the nearer end.
 pub fn quantile(values: impl IntoIterator<Item = f64>, share: f64) -> Option<f64> {
     let values = sorted(values);
+    values.get(rank(share, values.len()) - 1).copied()
+}
+
+/// Nearest rank of a share of `count` values, from 1 on.
+pub(super) fn rank(share: f64, count: usize) -> usize {
     // The product of a decimal share may lie a rounding above the whole number that it stands for.
-    let rank = (share * values.len() as f64 * (1.0 - 4.0 * f64::EPSILON)).ceil() as usize;
-    values.get(rank.clamp(1, values.len().max(1)) - 1).copied()
+    let rank = (share * count as f64 * (1.0 - 4.0 * f64::EPSILON)).ceil() as usize;
+    rank.clamp(1, count.max(1))
 }
 
 #[cfg(test)]

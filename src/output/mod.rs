@@ -12,6 +12,7 @@ mod lines;
 mod mesh_file;
 mod picture;
 mod run_writer;
+mod timing_recorder;
 mod timings;
 mod trajectory_file;
 mod video;
@@ -24,6 +25,7 @@ pub use lines::LineWriter;
 pub use mesh_file::write_ply;
 pub use picture::{DEPTH_UNITS_PER_M, write_color_png, write_depth_png};
 pub use run_writer::{BufferPicture, OutputPlan, RunWriter};
+pub use timing_recorder::TimingRecorder;
 pub use timings::{
     FrameTiming, Quantiles, TimingSummary, TimingsLog, csv_field, stage_table, write_timings_json,
 };

@@ -1,9 +1,9 @@
 //! Everything that a run leaves behind, frame by frame.
 
 use super::{
-    FrameTiming, LightLog, LightRecord, OutputError, Panorama, TimingSummary, TimingsLog,
-    TrajectoryWriter, Video, VideoStart, atomic_write, write_color_png, write_environment,
-    write_ply, write_timings_json,
+    FrameTiming, LightLog, LightRecord, OutputError, Panorama, TimingRecorder, TimingSummary,
+    TimingsLog, TrajectoryWriter, Video, VideoStart, atomic_write, write_color_png,
+    write_environment, write_ply, write_timings_json,
 };
 use crate::image::Image;
 use crate::lighting::LightChannels;
@@ -64,8 +64,7 @@ pub struct RunWriter {
     timings_log: Option<TimingsLog>,
     video: Option<Video>,
     buffers: Vec<(String, BufferPicture)>,
-    warm_up: usize,
-    timings: Vec<FrameTiming>,
+    timings: TimingRecorder,
     setting: String,
     backend: BackendRecord,
 }
@@ -109,8 +108,7 @@ impl RunWriter {
             plan,
             video,
             buffers,
-            warm_up,
-            timings: Vec::new(),
+            timings: TimingRecorder::new(warm_up),
             setting: setting.to_owned(),
             backend: pipeline.record(),
         })
@@ -155,7 +153,7 @@ impl RunWriter {
         if let Some(log) = &mut self.timings_log {
             log.push(&timing)?;
         }
-        self.timings.push(timing);
+        self.timings.push(&timing);
         Ok(())
     }
 
@@ -188,8 +186,7 @@ impl RunWriter {
 
     /// Stage times after warm-up; `None` before any frame.
     pub fn timing_summary(&self) -> Option<TimingSummary> {
-        let warm_up = self.warm_up.min(self.timings.len().saturating_sub(1));
-        let mut summary = TimingSummary::new(&self.timings, warm_up)?;
+        let mut summary = self.timings.summary()?;
         summary.backend = Some(self.backend.clone());
         Some(summary)
     }

@@ -1,7 +1,7 @@
 //! Made-up records in the shape of real ones, for tests of the page alone.
 
 use crate::math::random::Rng;
-use crate::output::{FrameTiming, TimingSummary};
+use crate::output::{FrameTiming, TimingRecorder, TimingSummary};
 use crate::study::Machine;
 use crate::study::composite::{CompositeFrame, CompositeRun, CompositeStudy};
 use crate::study::light::{Jitter, LightFrame, LightRun, LightStudy, StepResponse, StepTrace};
@@ -234,7 +234,9 @@ pub fn timings(stages_ms: [f64; 7]) -> TimingSummary {
             setting: "ours".to_owned(),
         }
     };
-    TimingSummary::new(&(0..9).map(frame).collect::<Vec<_>>(), 1).expect("frames are left")
+    let mut recorder = TimingRecorder::new(1);
+    (0..9).map(frame).for_each(|timing| recorder.push(&timing));
+    recorder.summary().expect("frames are left")
 }
 
 pub const STAGES_MS: [(&str, [f64; 7]); 3] = [

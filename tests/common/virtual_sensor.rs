@@ -102,6 +102,13 @@ fn equip(folder: &Path, installed: &Path) {
     fs::copy(driver(), drivers.join("libKinlightVirtual.so.0")).unwrap();
 }
 
+/// A new folder with all of that.
+pub fn equipped(installed: &Path) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    equip(folder.path(), installed);
+    folder
+}
+
 /// A command whose OpenNI2 is that of `folder`.
 pub fn with_sensor(program: &Path, folder: &Path) -> Command {
     let mut command = Command::new(program);
@@ -117,8 +124,7 @@ pub fn scenario(name: &str, prepare: impl Fn(&Path), body: impl Fn(&Path)) {
         return;
     }
     let Some(installed) = installed() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    equip(folder.path(), installed);
+    let folder = equipped(installed);
     prepare(folder.path());
     let mut child = with_sensor(&std::env::current_exe().unwrap(), folder.path())
         .args([name, "--exact", "--nocapture"])

@@ -31,6 +31,8 @@ pub struct LiveOptions {
     pub give_up_after: Option<Duration>,
     /// For opening and closing.
     pub open_timeout: Duration,
+    /// How long the end of the source waits for the driver before it leaves the capture thread behind.
+    pub close_timeout: Duration,
     /// The source ends after this many frames, or this long after it was opened.
     pub most_frames: Option<usize>,
     pub most_time: Option<Duration>,
@@ -46,14 +48,12 @@ impl Default for LiveOptions {
             reopen_longest: Duration::from_secs(5),
             give_up_after: None,
             open_timeout: Duration::from_secs(15),
+            close_timeout: Duration::from_millis(1500),
             most_frames: None,
             most_time: None,
         }
     }
 }
-
-/// How long the end of a source waits for the driver before it leaves the capture thread behind.
-const PATIENCE: Duration = Duration::from_millis(1500);
 
 /// So many threads may be stuck in the driver at once; with one more it is hopeless.
 const MOST_STUCK: usize = 4;
@@ -230,7 +230,7 @@ impl FrameSource for LiveSource {
 impl Drop for LiveSource {
     fn drop(&mut self) {
         self.shared.stop();
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + self.options.close_timeout;
         let mut state = self.shared.lock();
         while !state.left {
             let Some(left) = deadline.checked_duration_since(Instant::now()) else {

@@ -5,7 +5,7 @@ use super::device_handle::{Device, Sensor};
 use super::feed::{Feed, Streams};
 use super::ffi;
 use super::modes::{self, Wanted};
-use super::recorder::OniRecorder;
+use super::recorder::{OniFiles, OniRecorder};
 use super::runtime::Runtime;
 use crate::capture::RawFrame;
 use crate::capture::live::{DeviceError, DeviceInfo, LiveDevice, LiveDriver};
@@ -21,7 +21,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 const MOST_NOTES: usize = 40;
 
 /// What may be asked of a sensor.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct OpenniOptions {
     /// Of the colour picture; depth takes the same where it can. Else VGA, or what is nearest to it.
     pub size: Option<[usize; 2]>,
@@ -36,8 +36,8 @@ pub struct OpenniOptions {
     /// Exposure and white balance are automatic for so long and then held; `None`: always automatic.
     pub hold_exposure_after: Option<Duration>,
     /// Records with OpenNI2's own recorder while streaming; a device that is opened again continues in
-    /// `name-2.oni`.
-    pub record: Option<PathBuf>,
+    /// another file.
+    pub record: Option<OniFiles>,
 }
 
 impl Default for OpenniOptions {
@@ -60,12 +60,11 @@ pub struct OpenniDriver {
     /// `None`: the first that is there.
     pub uri: Option<String>,
     pub options: OpenniOptions,
-    recordings: usize,
 }
 
 impl OpenniDriver {
     pub fn new(uri: Option<String>, options: OpenniOptions) -> Self {
-        Self { uri, options, recordings: 0 }
+        Self { uri, options }
     }
 }
 
@@ -75,21 +74,8 @@ impl LiveDriver for OpenniDriver {
         // Opened again, it should be the same one.
         let uri = self.uri.get_or_insert_with(|| device.found().uri.clone());
         log::info!("OpenNI2: {uri}");
-        let recording = self.options.record.as_ref().map(|p| numbered(p, self.recordings));
-        let opened = OpenniDevice::start(Arc::new(device), &self.options, recording.as_deref())?;
-        self.recordings += 1;
-        Ok(Box::new(opened))
+        Ok(Box::new(OpenniDevice::start(Arc::new(device), &self.options)?))
     }
-}
-
-/// `name.oni`, `name-2.oni`, ..
-fn numbered(path: &Path, before: usize) -> PathBuf {
-    if before == 0 {
-        return path.to_owned();
-    }
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let extension = path.extension().map_or("oni".into(), |e| e.to_string_lossy());
-    path.with_file_name(format!("{stem}-{}.{extension}", before + 1))
 }
 
 /// A sensor that streams.
@@ -104,11 +90,7 @@ pub struct OpenniDevice {
 }
 
 impl OpenniDevice {
-    fn start(
-        device: Arc<Device>,
-        options: &OpenniOptions,
-        record: Option<&Path>,
-    ) -> Result<Self, DeviceError> {
+    fn start(device: Arc<Device>, options: &OpenniOptions) -> Result<Self, DeviceError> {
         let found = device.found().clone();
         let problem = |why: String| {
             if device.is_lost() {
@@ -134,8 +116,8 @@ impl OpenniDevice {
         .map_err(problem)?;
         notes.extend_from_slice(&setup.notes);
         let feed = Feed::new(streams, setup, true).map_err(problem)?;
-        let recorder = match record {
-            Some(path) => Some(record_to(path, &feed, &mut notes).map_err(problem)?),
+        let recorder = match &options.record {
+            Some(files) => Some(record_to(&files.begin(), &feed, &mut notes).map_err(problem)?),
             None => None,
         };
         feed.start().map_err(problem)?;
@@ -270,17 +252,4 @@ fn synchronise(device: &Device, options: &OpenniOptions, notes: &mut Vec<String>
         (true, Some(Ok(()))) => "depth and colour are synchronised by the device".into(),
         _ => "depth and colour are paired by their times".into(),
     });
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn recordings_of_a_device_that_comes_back_do_not_overwrite_each_other() {
-        let path = Path::new("out/room.oni");
-        assert_eq!(numbered(path, 0), path);
-        assert_eq!(numbered(path, 1), Path::new("out/room-2.oni"));
-        assert_eq!(numbered(Path::new("room"), 2), Path::new("room-3.oni"));
-    }
 }

@@ -84,6 +84,15 @@ impl DeviceInfo {
 }
 
 #[repr(C)]
+#[derive(Clone, Copy)]
+pub struct Version {
+    pub major: c_int,
+    pub minor: c_int,
+    pub maintenance: c_int,
+    pub build: c_int,
+}
+
+#[repr(C)]
 pub struct Frame {
     pub data_size: c_int,
     pub data: *const c_void,
@@ -154,6 +163,7 @@ macro_rules! functions {
 
 functions! {
     initialize = "oniInitialize": fn(c_int) -> Status;
+    version = "oniGetVersion": fn() -> Version;
     extended_error = "oniGetExtendedError": fn() -> *const c_char;
     device_list = "oniGetDeviceList": fn(*mut *mut DeviceInfo, *mut c_int) -> Status;
     release_device_list = "oniReleaseDeviceList": fn(*mut DeviceInfo) -> Status;

@@ -14,6 +14,7 @@ mod library;
 mod modes;
 mod pairing;
 mod picture;
+pub mod probe;
 mod recorder;
 mod runtime;
 
@@ -21,6 +22,7 @@ pub use device::{OpenniDevice, OpenniDriver, OpenniOptions};
 pub use device_handle::{Device, FrameRef, Sensor, Stream};
 pub use ffi::VideoMode;
 pub use file::{OniInfo, OniOptions, OniSource};
-pub use library::LIBRARY_VARIABLE;
-pub use recorder::OniRecorder;
+pub use library::{INSTALL_ADVICE, LIBRARY_VARIABLE};
+pub use probe::{LoadedLibrary, SensorDetail};
+pub use recorder::{OniFiles, OniRecorder};
 pub use runtime::{FoundDevice, Runtime};

@@ -24,7 +24,7 @@ pub struct Runtime {
 }
 
 /// A device that a driver has announced.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct FoundDevice {
     pub uri: String,
     pub vendor: String,

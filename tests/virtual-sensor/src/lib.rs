@@ -7,7 +7,7 @@ mod script;
 mod sensor;
 
 use abi::*;
-use script::{Fault, Script};
+use script::{Fault, Moment, Script};
 use sensor::{ANNOUNCER, Address, Announcer, Device, PLUGGED, SCRIPT, Stream, URI, announce, lock};
 use std::ffi::{c_char, c_int, c_void};
 use std::path::Path;
@@ -35,6 +35,7 @@ pub extern "C" fn oniDriverInitialize(
     let Some(folder) = std::env::var_os("KINLIGHT_VIRTUAL_SENSOR") else { return ERROR };
     match Script::read(Path::new(&folder)) {
         Ok(script) => {
+            script.go_wrong_at(Moment::Initialize);
             let present = !script.has(Fault::Absent);
             *lock(&SCRIPT) = Some(Arc::new(script));
             *lock(&ANNOUNCER) =
@@ -61,6 +62,7 @@ pub unsafe extern "C" fn oniDriverTryDevice(uri: *const c_char) -> c_int {
 #[unsafe(no_mangle)]
 pub extern "C" fn oniDriverDeviceOpen(_uri: *const c_char, _mode: *const c_char) -> *mut Device {
     let script = lock(&SCRIPT).clone().filter(|s| !s.has(Fault::Busy));
+    script.iter().for_each(|s| s.go_wrong_at(Moment::Open));
     script.map_or(std::ptr::null_mut(), |s| Box::into_raw(Box::new(Device::new(s))))
 }
 
@@ -314,6 +316,8 @@ pub extern "C" fn oniDriverStreamConvertDepthToColorCoordinates(
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn oniDriverStreamStart(stream: *mut Stream) -> c_int {
+    let device = Arc::clone(unsafe { &(*stream).device });
+    device.script.go_wrong_at(Moment::Start);
     unsafe { (*stream).start(stream.cast()) }
 }
 

@@ -15,6 +15,7 @@
 //! mirror-stuck yes         mirroring cannot be turned off
 //! lock yes                 exposure and white balance can be locked
 //! fault absent | busy | unplug K [replug-ms] | stall K | half K | stride K | jump K us | no-color K
+//! fault crash initialize | crash open | crash start | hang initialize | hang open | hang start
 //! ```
 //!
 //! `frames.bin` holds, frame by frame, depth as 16-bit little-endian and colour as RGB, without padding.
@@ -37,6 +38,19 @@ pub enum Fault {
     Jump(usize, i64),
     /// Depth alone.
     NoColor(usize),
+    /// The process is aborted.
+    Crash(Moment),
+    /// The call never returns.
+    Hang(Moment),
+}
+
+/// Where a driver's call goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Moment {
+    Initialize,
+    Open,
+    /// Of a stream.
+    Start,
 }
 
 #[derive(Clone, Debug)]
@@ -115,8 +129,29 @@ impl Script {
             ["stride", k] => Fault::Stride(k.parse().ok()?),
             ["jump", k, us] => Fault::Jump(k.parse().ok()?, us.parse().ok()?),
             ["no-color", k] => Fault::NoColor(k.parse().ok()?),
+            ["crash", moment] => Fault::Crash(Self::moment(moment)?),
+            ["hang", moment] => Fault::Hang(Self::moment(moment)?),
             _ => return None,
         })
+    }
+
+    fn moment(word: &str) -> Option<Moment> {
+        Some(match word {
+            "initialize" => Moment::Initialize,
+            "open" => Moment::Open,
+            "start" => Moment::Start,
+            _ => return None,
+        })
+    }
+
+    /// Crashes or hangs where the script says so.
+    pub fn go_wrong_at(&self, moment: Moment) {
+        if self.has(Fault::Crash(moment)) {
+            std::process::abort();
+        }
+        while self.has(Fault::Hang(moment)) {
+            std::thread::park();
+        }
     }
 
     pub fn has(&self, fault: Fault) -> bool {
