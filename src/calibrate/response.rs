@@ -29,7 +29,7 @@ pub struct Exposure {
 #[derive(Clone, Debug)]
 pub struct ResponseOptions {
     /// Weight of the change of the curve's curvature from code to code, in terms of the mean weight of a
-    /// code: it smooths over some five codes (the sixth root of it).
+    /// code: it smooths over some three codes (the sixth root of it).
     pub smoothness: f64,
     /// Pixels along each side that are not used.
     pub border: usize,
@@ -40,7 +40,7 @@ pub struct ResponseOptions {
 impl Default for ResponseOptions {
     fn default() -> Self {
         // Stops a factor apart leave free what repeats at that factor: a weak weight lets it in.
-        Self { smoothness: 1e4, border: 0, pixels: 40_000 }
+        Self { smoothness: 1e3, border: 0, pixels: 40_000 }
     }
 }
 
