@@ -3,11 +3,23 @@
 mod common;
 
 #[cfg(feature = "opencv")]
+#[path = "calibrate/bad_boards.rs"]
+mod bad_boards;
+#[cfg(feature = "opencv")]
 #[path = "common/boards.rs"]
 mod boards;
 #[cfg(feature = "opencv")]
+#[path = "calibrate/cameras.rs"]
+mod cameras;
+#[cfg(feature = "opencv")]
+#[path = "calibrate/charuco.rs"]
+mod charuco;
+#[cfg(feature = "opencv")]
 #[path = "calibrate/lenses.rs"]
 mod lenses;
+#[cfg(feature = "opencv")]
+#[path = "calibrate/real.rs"]
+mod real;
 
 use common::{kinlight, kinlight_json, real_sequence, text};
 use kinlight::calibrate::pictures::{read_exposure_list, read_picture};
@@ -83,7 +95,11 @@ fn memorial_church() {
     let stack: Vec<Exposure> = read_exposure_list(&folder.join("list.txt"))
         .unwrap()
         .into_iter()
-        .map(|(path, time)| Exposure { picture: read_picture(&path).unwrap(), time })
+        .map(|(path, time)| Exposure {
+            name: path.display().to_string(),
+            picture: read_picture(&path).unwrap(),
+            time,
+        })
         .collect();
     let options = ResponseOptions { border: BORDER, ..ResponseOptions::default() };
     let found = find_response(&stack, &options).unwrap();

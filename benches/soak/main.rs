@@ -139,7 +139,9 @@ fn judge(samples: &[Sample], timings: &serde_json::Value) -> bool {
         ["median_ms", "p99_ms", "max_ms"].map(|name| timings["update"][name].as_f64());
     if let [Some(median), Some(p99), Some(max)] = [median, p99, max] {
         let ratio = p99 / median;
-        println!("  update {median:.1} ms (median), {p99:.1} ms (99 %), {max:.1} ms (max): 99 % is {ratio:.2} times the median");
+        println!(
+            "  update {median:.1} ms (median), {p99:.1} ms (99 %), {max:.1} ms (max): 99 % is {ratio:.2} times the median"
+        );
     }
     let flat = growth_mib <= MOST_GROWTH * level_mib;
     let same = warm.first().is_some_and(|first| most <= first.handles);

@@ -2,10 +2,11 @@
 
 use super::CalibrateError;
 use super::board::{Board, BoardView, Markers};
+use super::crossing::{Around, crossing};
 use crate::image::Image;
-use opencv::core::{Mat, Point2f, Ptr, Size as CvSize, TermCriteria, Vector};
+use opencv::core::{Mat, Point2f, Ptr, Size as CvSize, Vector};
 use opencv::prelude::*;
-use opencv::{aruco, calib3d, imgproc};
+use opencv::{aruco, calib3d};
 
 /// Fewer corners of a ChArUco board do not hold its place.
 const FEWEST: usize = 8;
@@ -17,17 +18,30 @@ pub fn find_board(
     picture: &Image<u8>,
     board: &Board,
 ) -> Result<Result<BoardView, String>, CalibrateError> {
-    let pixels = Mat::new_rows_cols_with_data(
-        picture.height() as i32,
-        picture.width() as i32,
-        picture.as_slice(),
-    )?
-    .clone_pointee();
+    let pixels = matrix(picture)?;
     let found = match &board.markers {
         None => chessboard(&pixels, board)?,
         Some(markers) => charuco(&pixels, board, markers)?,
     };
-    Ok(found.map(|corners| BoardView { key: key.to_owned(), corners }))
+    Ok(found.and_then(|rough| {
+        let corners = refine(picture, &rough, board);
+        // All corners of a chessboard were found: where most edges are sharp, the others are only blurred.
+        let most = if board.markers.is_some() { 0 } else { board.corners() / 2 };
+        let needed = FEWEST.max(most).min(board.corners());
+        if corners.len() < needed {
+            let (found, sharp) = (rough.len(), corners.len());
+            return Err(format!(
+                "{found} corners found, but the edges cross sharply at {sharp} only: is the board \
+                 blurred, too far or at the picture's edge?"
+            ));
+        }
+        Ok(BoardView { key: key.to_owned(), corners })
+    }))
+}
+
+fn matrix(picture: &Image<u8>) -> Result<Mat, CalibrateError> {
+    let (rows, columns) = (picture.height() as i32, picture.width() as i32);
+    Ok(Mat::new_rows_cols_with_data(rows, columns, picture.as_slice())?.clone_pointee())
 }
 
 type Corners = Vec<(usize, [f64; 2])>;
@@ -42,27 +56,60 @@ fn chessboard(picture: &Mat, board: &Board) -> Result<Result<Corners, String>, C
         let (columns, rows) = (board.columns, board.rows);
         return Ok(Err(format!("no board of {columns}x{rows} inner corners found")));
     }
-    refine(picture, &mut corners, board.columns)?;
     let places = corners.iter().map(|p| [f64::from(p.x), f64::from(p.y)]);
     Ok(Ok(places.enumerate().collect()))
 }
 
-/// Where the edges through each corner cross (Foerstner's operator). The window reaches to no other
-/// corner.
-fn refine(
-    picture: &Mat,
-    corners: &mut Vector<Point2f>,
-    columns: usize,
-) -> Result<(), CalibrateError> {
-    let points = corners.to_vec();
-    let apart = |a: &Point2f, b: &Point2f| (a.x - b.x).hypot(a.y - b.y);
-    let along = points.chunks(columns).flat_map(|row| row.windows(2)).map(|w| apart(&w[0], &w[1]));
-    let down = points.iter().zip(points.iter().skip(columns)).map(|(a, b)| apart(a, b));
-    let spacing = along.chain(down).fold(f32::INFINITY, f32::min);
-    let half = (0.35 * spacing).clamp(2.0, 11.0) as i32;
-    let end = TermCriteria::new(3, 100, 1e-4)?;
-    let (window, none) = (CvSize::new(half, half), CvSize::new(-1, -1));
-    Ok(imgproc::corner_sub_pix(picture, corners, window, none, end)?)
+/// Corners to hundredths of a pixel. Those without a neighbour along the board and one across, which say
+/// how its squares lie, are left out, as are those whose edges do not cross.
+fn refine(picture: &Image<u8>, corners: &Corners, board: &Board) -> Corners {
+    let mut places = vec![None; board.corners()];
+    for &(number, place) in corners {
+        places[number] = Some(place);
+    }
+    let clear = board.markers.map_or(f64::INFINITY, |m| 0.5 * (1.0 - m.side_m / board.square_m));
+    let side = |number: usize, [x, y]: [f64; 2], index: usize, count: usize, step: usize| {
+        let to = |other: Option<[f64; 2]>| other.map(|[a, b]| [a - x, b - y]);
+        let after = (index + 1 < count).then(|| to(places[number + step])).flatten();
+        let before = (index > 0).then(|| to(places[number - step])).flatten();
+        match (before.map(|[a, b]| [-a, -b]), after) {
+            (Some([a, b]), Some([c, d])) => Some([0.5 * (a + c), 0.5 * (b + d)]),
+            (one, other) => one.or(other),
+        }
+    };
+    let refined = |&(number, at): &(usize, [f64; 2])| {
+        let (column, row) = (number % board.columns, number / board.columns);
+        let along = side(number, at, column, board.columns, 1)?;
+        let down = side(number, at, row, board.rows, board.columns)?;
+        Some((number, crossing(picture, &Around { at, along, down, clear })?))
+    };
+    corners.iter().filter_map(refined).collect()
+}
+
+/// How many inner corners the chessboard in a picture has, when not what was looked for: up to two more or
+/// fewer each way.
+pub fn other_size(
+    picture: &Image<u8>,
+    board: &Board,
+) -> Result<Option<(usize, usize)>, CalibrateError> {
+    let pixels = matrix(picture)?;
+    let near = |n: usize| n.saturating_sub(2).max(3)..=n + 2;
+    let mut sizes: Vec<(usize, usize)> =
+        near(board.columns).flat_map(|c| near(board.rows).map(move |r| (c, r))).collect();
+    sizes.retain(|&size| size != (board.columns, board.rows));
+    // The largest first: a part of a board is a board, too.
+    sizes.sort_by_key(|(c, r)| std::cmp::Reverse(c * r));
+    let flags = calib3d::CALIB_CB_ADAPTIVE_THRESH
+        | calib3d::CALIB_CB_NORMALIZE_IMAGE
+        | calib3d::CALIB_CB_FAST_CHECK;
+    for (columns, rows) in sizes {
+        let pattern = CvSize::new(columns as i32, rows as i32);
+        let mut corners = Vector::<Point2f>::new();
+        if calib3d::find_chessboard_corners(&pixels, pattern, &mut corners, flags)? {
+            return Ok(Some((columns, rows)));
+        }
+    }
+    Ok(None)
 }
 
 fn charuco(

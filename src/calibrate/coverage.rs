@@ -21,8 +21,29 @@ pub struct Coverage {
     pub picture: Image<[u8; 3]>,
     /// Share of cells with a corner of a used view.
     pub share: f64,
+    /// The same of the quarters of the picture: upper left and right, lower left and right.
+    pub quarters: [f64; 4],
     /// Pixels of the picture a pixel of residual is drawn as.
     pub magnification: f64,
+}
+
+impl Coverage {
+    /// What to tell a user whose boards leave much of the picture empty.
+    pub fn warning(&self) -> Option<String> {
+        const NAMES: [&str; 4] = ["upper left", "upper right", "lower left", "lower right"];
+        let empty: Vec<&str> =
+            NAMES.into_iter().zip(self.quarters).filter(|q| q.1 == 0.0).map(|q| q.0).collect();
+        let none = match empty.as_slice() {
+            [] if self.share >= 0.5 => return None,
+            [] => String::new(),
+            [one] => format!(", none in the {one} quarter"),
+            several => format!(", none in the quarters {}", several.join(", ")),
+        };
+        let share = 100.0 * self.share;
+        Some(format!(
+            "corners in {share:.0} % of the picture{none}; where there are none, the lens is a guess"
+        ))
+    }
 }
 
 /// Cells are the brighter the more corners they hold. Corners are green, over yellow to red at three
@@ -60,7 +81,16 @@ pub fn draw_coverage(size: Size, views: &[SeenView]) -> Coverage {
         }
     }
     let share = counts.iter().filter(|&&c| c > 0).count() as f64 / counts.len() as f64;
-    Coverage { picture, share, magnification }
+    let quarters = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, low)| {
+        let of_quarter = |i: &usize| {
+            usize::from(i % CELLS >= CELLS / 2) == right
+                && usize::from(2 * (i / CELLS) >= rows) == low
+        };
+        let cells: Vec<usize> = (0..counts.len()).filter(of_quarter).collect();
+        let full = cells.iter().filter(|&&i| counts[i] > 0).count();
+        full as f64 / cells.len().max(1) as f64
+    });
+    Coverage { picture, share, quarters, magnification }
 }
 
 fn heat([x, y]: [f64; 2], hot: f64) -> [u8; 3] {
@@ -109,6 +139,11 @@ mod tests {
         ];
         let coverage = draw_coverage(Size::new(64, 48), &views);
         assert_eq!(coverage.share, 1.0 / 48.0);
+        assert_eq!(coverage.quarters, [1.0 / 12.0, 0.0, 0.0, 0.0]);
+        let warning = coverage.warning().unwrap();
+        assert!(warning.contains("quarters upper right, lower left, lower right"), "{warning}");
+        let full = Coverage { share: 0.6, quarters: [0.6; 4], ..coverage.clone() };
+        assert_eq!(full.warning(), None);
         let other = |x: usize| coverage.picture.row(10)[x];
         assert!(other(4)[1] > 200, "green where the residual is small");
         assert_eq!(other(60), [90; 3]);

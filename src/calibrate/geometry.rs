@@ -3,15 +3,20 @@
 
 use super::CalibrateError;
 use super::board::{Board, BoardView, rms};
-use super::corners::find_board;
+use super::corners::{find_board, other_size};
 use super::coverage::{Coverage, SeenView, draw_coverage};
 use super::disparity::{DisparityView, FoundDepthCamera, NO_DISPARITY, find_depth_camera};
 use super::extrinsics::{FoundPlace, find_place};
-use super::intrinsics::{FoundCamera, LensModel, RefusedView, find_camera};
-use super::pictures::{COLOR_EXTENSIONS, find_pictures, grey, read_pgm, read_picture};
+use super::intrinsics::{FEWEST_VIEWS, FoundCamera, LensModel, RefusedView, find_camera};
+use super::pictures::{
+    COLOR_EXTENSIONS, NamedPicture, find_pictures, grey, read_pgm, read_picture,
+};
 use crate::capture::Calibration;
 use crate::capture::calibration::Rigid;
 use crate::image::{Image, Size};
+use std::collections::HashMap;
+use std::collections::hash_map::{DefaultHasher, Entry};
+use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 /// Where the pictures of the depth camera are, and what they show.
@@ -107,37 +112,104 @@ fn one_camera(
     model: LensModel,
     progress: &mut dyn FnMut(&str),
 ) -> Result<CameraReport, CalibrateError> {
-    let mut size: Option<Size> = None;
-    let (mut views, mut refused) = (Vec::<BoardView>::new(), Vec::new());
-    for picture in find_pictures(pattern, &COLOR_EXTENSIONS)? {
+    let pictures = find_pictures(pattern, &COLOR_EXTENSIONS)?;
+    let Sorted { size, views, mut refused } = sort_pictures(&pictures, board, progress)?;
+    if views.len() < FEWEST_VIEWS {
+        return Err(CalibrateError::Data(too_few(&pictures, views.len(), board, &refused)?));
+    }
+    let about = |e: CalibrateError| match e {
+        CalibrateError::Data(problem) => {
+            CalibrateError::Data(format!("{}: {problem}", pattern.display()))
+        }
+        other => other,
+    };
+    let found = find_camera(board, &views, size, model).map_err(about)?;
+    refused.extend(found.outliers.iter().map(|(_, refused)| refused.clone()));
+    let coverage = coverage(board, &found, size);
+    if let Some(warning) = coverage.warning() {
+        log::warn!("{}: {warning}", pattern.display());
+    }
+    Ok(CameraReport { found, refused, coverage })
+}
+
+struct Sorted {
+    size: Size,
+    views: Vec<BoardView>,
+    refused: Vec<RefusedView>,
+}
+
+/// Boards of all pictures that are of the commonest size and not copies of others.
+fn sort_pictures(
+    pictures: &[NamedPicture],
+    board: &Board,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Sorted, CalibrateError> {
+    let mut looked: Vec<(&NamedPicture, Size, Result<BoardView, String>)> = Vec::new();
+    let mut seen: HashMap<u64, &str> = HashMap::new();
+    for picture in pictures {
         progress(&picture.key);
         let pixels = grey(&read_picture(&picture.path)?);
-        let first = *size.get_or_insert(pixels.size());
-        let found = if pixels.size() == first {
-            find_board(&picture.key, &pixels, board)?
-        } else {
-            Err(format!("{} pixels, the first picture has {first}", pixels.size()))
+        let mut hasher = DefaultHasher::new();
+        (pixels.width(), pixels.as_slice()).hash(&mut hasher);
+        let found = match seen.entry(hasher.finish()) {
+            Entry::Occupied(same) => Err(format!("the same picture as {}", same.get())),
+            Entry::Vacant(new) => {
+                new.insert(&picture.key);
+                find_board(&picture.key, &pixels, board)?
+            }
         };
-        match found {
+        looked.push((picture, pixels.size(), found));
+    }
+    let times = |size: Size| looked.iter().filter(|l| l.1 == size).count();
+    // Of two sizes as common, that of the first picture.
+    let size = looked.iter().map(|l| l.1).rev().max_by_key(|&size| times(size));
+    let size = size.ok_or(CalibrateError::Options("no pictures".into()))?;
+    let (mut views, mut refused) = (Vec::new(), Vec::new());
+    for (picture, own, found) in looked {
+        let usable =
+            if own == size { found } else { Err(format!("{own} pixels, most have {size}")) };
+        match usable {
             Ok(view) => views.push(view),
             Err(reason) => {
                 log::warn!("{}: {reason}", picture.path.display());
-                refused.push(RefusedView { key: picture.key, reason });
+                refused.push(RefusedView { key: picture.key.clone(), reason });
             }
         }
     }
-    let size = size.ok_or(CalibrateError::Options("no pictures".into()))?;
-    let found = find_camera(board, &views, size, model)?;
-    refused.extend(found.outliers.iter().map(|(_, refused)| refused.clone()));
-    let coverage = coverage(board, &found, size);
-    if coverage.share < 0.5 {
-        log::warn!(
-            "{}: corners in {:.0} % of the picture; where there are none, the lens is a guess",
-            pattern.display(),
-            100.0 * coverage.share
-        );
+    Ok(Sorted { size, views, refused })
+}
+
+/// Why pictures do not do, by name.
+fn too_few(
+    pictures: &[NamedPicture],
+    usable: usize,
+    board: &Board,
+    refused: &[RefusedView],
+) -> Result<String, CalibrateError> {
+    const NAMED: usize = 8;
+    let mut text = format!("{usable} usable views of the board, {FEWEST_VIEWS} are needed");
+    let named = refused.iter().take(NAMED).map(|r| format!("{} ({})", r.key, r.reason));
+    let named: Vec<String> = named.collect();
+    if !named.is_empty() {
+        text += &format!("; refused: {}", named.join(", "));
     }
-    Ok(CameraReport { found, refused, coverage })
+    if refused.len() > NAMED {
+        text += &format!(" and {} more", refused.len() - NAMED);
+    }
+    if usable == 0 && board.markers.is_none() {
+        for picture in pictures.iter().take(3) {
+            if let Some((columns, rows)) = other_size(&grey(&read_picture(&picture.path)?), board)?
+            {
+                text += &format!(
+                    ". {} shows a board of {columns}x{rows} inner corners (where four squares meet): not \
+                     squares are counted",
+                    picture.key
+                );
+                break;
+            }
+        }
+    }
+    Ok(text)
 }
 
 fn coverage(board: &Board, found: &FoundCamera, size: Size) -> Coverage {

@@ -2,6 +2,7 @@
 
 use super::CalibrateError;
 use super::board::{Board, BoardView, PosedView};
+use super::uncertainty::deviations;
 use crate::capture::calibration::{CameraModel, Distortion};
 use crate::image::Size;
 use crate::math::Pose;
@@ -11,7 +12,10 @@ use opencv::core::{Mat, Point2f, Point3f, Size as CvSize, TermCriteria, Vector};
 use opencv::prelude::*;
 
 /// Fewer views leave focal length and distance mixed up.
-const FEWEST_VIEWS: usize = 4;
+pub(super) const FEWEST_VIEWS: usize = 4;
+/// A focal length that is known no better than to this share of itself is not determined: views that tell
+/// it from the distance know it tens of times better.
+const UNDETERMINED: f64 = 0.02;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LensModel {
@@ -35,8 +39,8 @@ pub struct RefusedView {
 #[derive(Clone, Debug)]
 pub struct FoundCamera {
     pub camera: CameraModel,
-    /// One standard deviation of fx, fy, cx, cy in pixels, where the solver gives it.
-    pub deviation_px: Option<[f64; 4]>,
+    /// One standard deviation of fx, fy, cx, cy in pixels.
+    pub deviation_px: [f64; 4],
     /// RMS reprojection error over the used views, pixels.
     pub rms_px: f64,
     pub views: Vec<PosedView>,
@@ -60,7 +64,7 @@ pub fn find_camera(
                 format!("{} usable views of the board, {FEWEST_VIEWS} are needed", used.len());
             return Err(CalibrateError::Data(problem));
         }
-        let (camera, deviation_px, views) = solve(board, &used, size, model)?;
+        let (camera, views) = solve(board, &used, size, model)?;
         let errors: Vec<f64> = views.iter().map(|v| v.rms_px(&camera, board)).collect();
         let limit = outlier_limit(&errors);
         let worst = errors.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
@@ -76,10 +80,37 @@ pub fn find_camera(
                 let all: Vec<[f64; 2]> =
                     views.iter().flat_map(|v| v.residuals(&camera, board)).collect();
                 let rms_px = super::board::rms(&all);
+                let deviation_px = deviations(&camera, board, &views);
+                check_determined(&camera, deviation_px, &views)?;
                 return Ok(FoundCamera { camera, deviation_px, rms_px, views, outliers });
             }
         }
     }
+}
+
+fn check_determined(
+    camera: &CameraModel,
+    deviation_px: [f64; 4],
+    views: &[PosedView],
+) -> Result<(), CalibrateError> {
+    let share = |k: usize, f: f64| deviation_px[k] / f.abs();
+    let worst = share(0, camera.fx).max(share(1, camera.fy));
+    // NaN is no answer, either.
+    if worst <= UNDETERMINED {
+        return Ok(());
+    }
+    let normal = |v: &PosedView| v.camera_from_board.rotation * Vector3::z();
+    let apart = |a: &PosedView| {
+        views.iter().map(|b| normal(a).dot(&normal(b)).clamp(-1.0, 1.0).acos()).fold(0.0, f64::max)
+    };
+    let spread = views.iter().map(apart).fold(0.0, f64::max).to_degrees();
+    Err(CalibrateError::Data(format!(
+        "the {} views do not determine the focal length (to {:.0} %): the boards stand within {spread:.0} \
+         degrees of parallel to each other. Tilt the board by 20 to 50 degrees to each side, and show it \
+         large",
+        views.len(),
+        100.0 * worst,
+    )))
 }
 
 /// Errors are compared with the median of their kind: it stands as long as half of the views are good.
@@ -104,7 +135,7 @@ pub(super) fn image_points(places: impl Iterator<Item = [f64; 2]>) -> Vector<Poi
     places.map(|[x, y]| Point2f::new(x as f32, y as f32)).collect()
 }
 
-type Solution = (CameraModel, Option<[f64; 4]>, Vec<PosedView>);
+type Solution = (CameraModel, Vec<PosedView>);
 
 fn solve(
     board: &Board,
@@ -120,7 +151,6 @@ fn solve(
     let (mut matrix, mut lens) = (Mat::default(), Mat::default());
     let (mut turns, mut shifts) = (Vector::<Mat>::new(), Vector::<Mat>::new());
     let end = TermCriteria::new(3, 200, 1e-10)?;
-    let mut deviation_px = None;
     if model == LensModel::Fisheye {
         let flags = calib3d::Fisheye_CALIB_RECOMPUTE_EXTRINSIC | calib3d::Fisheye_CALIB_FIX_SKEW;
         calib3d::calibrate(
@@ -133,7 +163,8 @@ fn solve(
             &mut shifts,
             flags,
             end,
-        )?;
+        )
+        .map_err(fisheye_error)?;
     } else {
         let flags = match model {
             LensModel::Rational => calib3d::CALIB_RATIONAL_MODEL,
@@ -145,9 +176,7 @@ fn solve(
             }
             LensModel::Brown | LensModel::Fisheye => 0,
         };
-        let (mut of_camera, mut of_views, mut errors) =
-            (Mat::default(), Mat::default(), Mat::default());
-        calib3d::calibrate_camera_extended(
+        calib3d::calibrate_camera(
             &objects,
             &places,
             cv_size,
@@ -155,13 +184,9 @@ fn solve(
             &mut lens,
             &mut turns,
             &mut shifts,
-            &mut of_camera,
-            &mut of_views,
-            &mut errors,
             flags,
             end,
         )?;
-        deviation_px = numbers(&of_camera)?.first_chunk::<4>().copied();
     }
     let k = numbers(&matrix)?;
     let camera = CameraModel {
@@ -179,7 +204,16 @@ fn solve(
         let camera_from_board = pose(&turn, &shift);
         posed.push(PosedView { view: view.clone(), camera_from_board });
     }
-    Ok((camera, deviation_px, posed))
+    Ok((camera, posed))
+}
+
+/// What OpenCV's fish-eye solver says when views contradict each other or the lens is none.
+fn fisheye_error(error: opencv::Error) -> CalibrateError {
+    CalibrateError::Data(format!(
+        "no fish-eye lens fits the views: is it one, are the boards at several slants, and is the board's \
+         size right? (OpenCV: {})",
+        error.message.lines().next().unwrap_or_default()
+    ))
 }
 
 fn pose(turn: &[f64], shift: &[f64]) -> Pose {

@@ -11,6 +11,8 @@ pub mod chart;
 #[cfg(feature = "opencv")]
 pub mod corners;
 pub mod coverage;
+#[cfg(feature = "opencv")]
+mod crossing;
 pub mod disparity;
 #[cfg(feature = "opencv")]
 pub mod extrinsics;
@@ -21,6 +23,8 @@ pub mod intrinsics;
 mod levenberg;
 pub mod pictures;
 pub mod response;
+#[cfg(feature = "opencv")]
+mod uncertainty;
 pub mod vignetting;
 
 use crate::capture::CaptureError;

@@ -12,7 +12,7 @@ use kinlight::calibrate::chart::{
 };
 use kinlight::calibrate::pictures::{read_exposure_list, read_picture};
 use kinlight::calibrate::response::{Exposure, ResponseOptions, find_response};
-use kinlight::calibrate::vignetting::find_vignetting;
+use kinlight::calibrate::vignetting::{FlatField, find_vignetting};
 use kinlight::capture::Calibration;
 use kinlight::output::atomic_write;
 use serde_json::{Value, json};
@@ -111,25 +111,43 @@ pub fn run(what: &Calibrate, talk: Talk) -> Result<(), CliError> {
     Ok(())
 }
 
+/// What messages call a picture.
+fn name_of(path: &Path) -> String {
+    path.display().to_string()
+}
+
 fn response(args: &ResponseArgs, talk: Talk) -> Result<Value, CliError> {
     let mut calibration = args.into.read()?;
     let mut stack = Vec::new();
     for (path, time) in read_exposure_list(&args.list)? {
-        stack.push(Exposure { picture: read_picture(&path)?, time });
+        stack.push(Exposure { name: name_of(&path), picture: read_picture(&path)?, time });
     }
     let defaults = ResponseOptions::default();
     let options = ResponseOptions { smoothness: args.smoothness, border: args.border, ..defaults };
     let found = find_response(&stack, &options)?;
     for (c, channel) in ["red", "green", "blue"].into_iter().enumerate() {
-        let (low, high) = found.codes[c];
         talk.say(format!(
-            "{channel}: {} pixels, codes {low} to {high}, {:.2} % RMS of one exposure",
+            "{channel}: {} pixels, noise of {:.2} codes, {:.2} % RMS of one exposure",
             found.pixels[c],
+            found.noise_codes[c],
             100.0 * found.rms_log[c]
         ));
+        let stretches: Vec<String> =
+            found.continued[c].iter().map(|(low, high)| format!("{low} to {high}")).collect();
+        if !stretches.is_empty() {
+            let stretches = stretches.join(", ");
+            talk.say(format!(
+                "  no picture determines codes {stretches}: there the curve is continued"
+            ));
+        }
     }
-    let result =
-        json!({ "exposures": stack.len(), "pixels": found.pixels, "rms_log": found.rms_log });
+    let result = json!({
+        "exposures": stack.len(),
+        "pixels": found.pixels,
+        "noise_codes": found.noise_codes,
+        "rms_log": found.rms_log,
+        "continued": found.continued,
+    });
     calibration.photometry.response = Some(found.response);
     args.into.write(&calibration)?;
     Ok(result)
@@ -137,7 +155,10 @@ fn response(args: &ResponseArgs, talk: Talk) -> Result<Value, CliError> {
 
 fn vignetting(args: &VignettingArgs, talk: Talk) -> Result<Value, CliError> {
     let mut calibration = args.into.read()?;
-    let pictures: Result<Vec<_>, _> = args.pictures.iter().map(|p| read_picture(p)).collect();
+    let field = |path: &PathBuf| -> Result<FlatField, CalibrateError> {
+        Ok(FlatField { name: name_of(path), picture: read_picture(path)? })
+    };
+    let pictures: Result<Vec<_>, _> = args.pictures.iter().map(field).collect();
     let camera = &calibration.color;
     let center =
         [(camera.cx + 0.5) / camera.width as f64, (camera.cy + 0.5) / camera.height as f64];
@@ -156,22 +177,36 @@ fn vignetting(args: &VignettingArgs, talk: Talk) -> Result<Value, CliError> {
 fn color(args: &ColorArgs, talk: Talk) -> Result<Value, CliError> {
     let mut calibration = args.into.read()?;
     let photometry = &calibration.photometry;
+    let source = args.patches.as_ref().or(args.picture.as_ref());
+    let about = |e: CalibrateError| match (e, source) {
+        (CalibrateError::Data(p), Some(path)) => {
+            CalibrateError::Data(format!("{}: {p}", path.display()))
+        }
+        (CalibrateError::Options(p), Some(path)) => {
+            CalibrateError::Options(format!("{}: {p}", path.display()))
+        }
+        (other, _) => other,
+    };
     let patches = match (&args.patches, &args.picture, &args.corners) {
         (Some(csv), ..) => patches_from_codes(&read_codes(csv)?, photometry),
         (None, Some(picture), Some(c)) => {
             let corners = [0, 2, 4, 6].map(|i| [f64::from(c[i]), f64::from(c[i + 1])]);
-            measure_patches(&read_picture(picture)?, &corners, photometry)?
+            measure_patches(&read_picture(picture)?, &corners, photometry).map_err(about)?
         }
         _ => return Err(CliError::Usage("give a picture with --corners, or --patches".into())),
     };
     let codes = args.reference.as_deref().map_or(Ok(SRGB_CODES), read_codes)?;
-    let found = find_matrix(&patches, &reference(&codes))?;
+    let found = find_matrix(&patches, &reference(&codes)).map_err(about)?;
+    if !found.saturated.is_empty() {
+        talk.say(format!("left out, saturated: {}", found.saturated.join(", ")));
+    }
     talk.say(format!(
         "{} patches, mean colour difference {:.2} before, {:.2} after (CIE 1976)",
         found.patches, found.delta_e_before, found.delta_e_after
     ));
     let result = json!({
         "patches": found.patches,
+        "saturated": found.saturated,
         "color_matrix": found.color_matrix,
         "delta_e_before": found.delta_e_before,
         "delta_e_after": found.delta_e_after,

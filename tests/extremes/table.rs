@@ -72,7 +72,10 @@ pub struct Table {
 impl Table {
     /// `filter`: only cases whose stage or name contain it.
     pub fn new(filter: Option<String>) -> Self {
-        let gpu = Gpu::open(&AdapterChoice::Best).inspect_err(|error| println!("no GPU: {error}")).ok().map(Arc::new);
+        let gpu = Gpu::open(&AdapterChoice::Best)
+            .inspect_err(|error| println!("no GPU: {error}"))
+            .ok()
+            .map(Arc::new);
         println!(
             "{:<12} {:<58} {:<5} {:<6} {:>11} {:>11}  what",
             "stage", "case", "on", "", "error", "bound"

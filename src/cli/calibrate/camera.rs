@@ -179,9 +179,8 @@ fn lens(camera: &CameraModel) -> String {
 fn describe_camera(which: &str, board: &Board, report: &CameraReport, talk: Talk) {
     let found = &report.found;
     talk.say(format!("{which}: {}", lens(&found.camera)));
-    if let Some(d) = found.deviation_px {
-        talk.say(format!("  +- {:.2} {:.2} {:.2} {:.2} px", d[0], d[1], d[2], d[3]));
-    }
+    let d = found.deviation_px;
+    talk.say(format!("  +- {:.2} {:.2} {:.2} {:.2} px", d[0], d[1], d[2], d[3]));
     let coverage = 100.0 * report.coverage.share;
     talk.say(format!(
         "  {:.3} px RMS over {} views, corners in {coverage:.0} % of the picture",
@@ -211,6 +210,7 @@ fn as_json(board: &Board, outcome: &Outcome) -> Value {
             "views": view_errors(board, &report.found),
             "refused": refused(&report.refused),
             "coverage": report.coverage.share,
+            "coverage_warning": report.coverage.warning(),
             "residuals_drawn_times": report.coverage.magnification,
         })
     };
