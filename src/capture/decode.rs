@@ -22,14 +22,11 @@ pub(crate) fn color(path: &Path) -> Result<Image<[u8; 3]>, CaptureError> {
     Ok(rgb(decode(path, decoder)?, size))
 }
 
-/// 8-bit sRGB of a JPEG in memory, which must have this size.
+/// 8-bit sRGB of a JPEG in memory, which must have this size and [an end](ends_as_jpeg).
 pub(super) fn jpeg(bytes: &[u8], expected: Size) -> Result<Image<[u8; 3]>, String> {
     let (decoder, size) = decoder(bytes, ImageFormat::Jpeg)?;
     if size != expected {
         return Err(format!("a JPEG of {size} among pictures of {expected}"));
-    }
-    if !ends_as_jpeg(bytes) {
-        return Err(format!("the JPEG of {} bytes is cut off: no end marker", bytes.len()));
     }
     Ok(rgb(DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?, size))
 }
@@ -112,7 +109,7 @@ fn decode(path: &Path, decoder: impl ImageDecoder) -> Result<DynamicImage, Captu
 
 /// JPEG decoders fill what is missing at the end with grey; a cut file shows by its end marker only.
 /// Cameras may append a few bytes after it.
-fn ends_as_jpeg(bytes: &[u8]) -> bool {
+pub(super) fn ends_as_jpeg(bytes: &[u8]) -> bool {
     let tail = &bytes[bytes.len().saturating_sub(1024)..];
     tail.windows(2).any(|w| w == [0xff, 0xd9])
 }

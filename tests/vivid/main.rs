@@ -77,7 +77,9 @@ fn every_format_gives_the_kernels_picture_and_its_times() {
         assert!(taken.windows(2).all(|w| w[0] < w[1]), "{taken:?}");
         // Four buffers may have been filled while the test did not look.
         let earliest = before.checked_sub(Duration::from_secs_f64(10.0 / rate)).unwrap();
-        assert!(taken[0] > earliest && taken[5] < Instant::now(), "{taken:?} {before:?}");
+        // and vivid calculates times, which may be half a period ahead.
+        let latest = Instant::now() + Duration::from_secs_f64(0.5 / rate);
+        assert!(taken[0] > earliest && taken[5] < latest, "{taken:?} {before:?}");
         let found = bars(&pictures[5].pixels);
         eprintln!("{format} at {rate}/s: {found:?}");
         let reference = *reference.get_or_insert(found);
@@ -257,10 +259,10 @@ fn the_program_records_vivid_beside_a_depth_sensor() {
     let live = &result["live"];
     assert_eq!((&live["outages"], &live["bad"]), (&0.into(), &0.into()));
     let device = live["device"].to_string();
-    for said in ["colour is from v4l:/dev/video0", "640x480", "taken as -5.0 ms late"] {
-        assert!(device.contains(said), "{said}: {device}");
+    for note in ["colour is from v4l:/dev/video0", "640x480", "taken as -5.0 ms late"] {
+        assert!(device.contains(note), "{note}: {device}");
     }
-    assert!(device.contains("exposure and white balance cannot be held"), "{device}");
+    assert!(said.contains("exposure and white balance cannot be held"), "{said}");
     let written = result["frames"].as_u64().unwrap();
     assert!(written > 0, "{result}");
     let mut recorded = open_sequence(&out, &CaptureOptions::default()).unwrap();

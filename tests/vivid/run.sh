@@ -117,8 +117,8 @@ chmod +x "$image/init"
 echo "vivid: kernel $version" >&2
 # tcg: with /dev/kvm inside a virtual machine the guest may hang before its first message.
 timeout "${VIVID_TIMEOUT:-900}" qemu-system-x86_64 -accel tcg -cpu max -smp 2 -m 1536 -nographic -no-reboot -net none \
-  -kernel "$kernel/boot/vmlinuz-$version" -initrd "$work/image.gz" -append "console=ttyS0 quiet panic=-1" \
-  </dev/null | tr -d '\r' | tee "$work/console.log" || true
+  -kernel "$kernel/boot/vmlinuz-$version" -initrd "$work/image.gz" -append "console=ttyS0 quiet loglevel=2 panic=-1" \
+  </dev/null | sed -u 's/\r//g' | tee "$work/console.log" || true
 
 passed=$(sed -n 's/^test result:.* \([0-9]*\) passed; .*/\1/p' "$work/console.log")
 failed=$(sed -n 's/^test result:.* \([0-9]*\) failed; .*/\1/p' "$work/console.log")

@@ -277,12 +277,15 @@ mod tests {
         assert!(closed.load(SeqCst));
 
         let released = Arc::<AtomicBool>::default();
-        let waiting = Arc::clone(&released);
+        let hangs = Arc::<AtomicBool>::default();
+        let (waiting, reached) = (Arc::clone(&released), Arc::clone(&hangs));
         let hang: Step = Box::new(move || {
+            reached.store(true, SeqCst);
             until(|| waiting.load(SeqCst).then_some(()));
             Ok(None)
         });
         let (capture, closed) = start(vec![hang]);
+        until(|| hangs.load(SeqCst).then_some(()));
         let started = Instant::now();
         drop(capture);
         // Not a measure of speed: without an end to its patience it waits for the 20 s above.

@@ -68,7 +68,8 @@ mod tests {
     fn waiting_is_taken_out_and_delivery_is_not() {
         for error in errors(60, 0.0) {
             // The least of 30 random waits and more: one chance in 2^30 for above half of the longest.
-            assert!((0.0..0.015).contains(&error), "{error}");
+            // Sums of f64 round.
+            assert!((-1e-9..0.015).contains(&error), "{error}");
         }
         let settled = errors(60, 0.0)[300..].iter().fold(0.0f64, |worst, e| worst.max(*e));
         assert!(settled < 0.002, "{settled}");

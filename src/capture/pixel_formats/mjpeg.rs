@@ -9,11 +9,15 @@ const HUFFMAN_TABLES: u8 = 0xc4;
 const SCAN: u8 = 0xda;
 
 pub fn decode(bytes: &[u8], size: Size) -> Result<Image<[u8; 3]>, String> {
-    decode::jpeg(&with_tables(bytes)?, size)
+    let whole = with_tables(bytes)?;
+    if !decode::ends_as_jpeg(bytes) {
+        return Err(format!("the JPEG of {} bytes is cut off: no end marker", bytes.len()));
+    }
+    decode::jpeg(&whole, size)
 }
 
 /// The picture with the standard's tables where it has none of its own.
-pub fn with_tables(bytes: &[u8]) -> Result<Cow<'_, [u8]>, String> {
+fn with_tables(bytes: &[u8]) -> Result<Cow<'_, [u8]>, String> {
     if has_tables(bytes)? {
         return Ok(Cow::Borrowed(bytes));
     }

@@ -16,6 +16,10 @@ use v4l::v4l2::vidioc;
 /// Of the modes that a driver lists and then refuses, so many are tried.
 const MOST_TRIED: usize = 24;
 
+/// A picture that has waited in its buffer for so long is passed over: this machine was busy, and the next are
+/// newer.
+const STALE: Duration = Duration::from_secs(1);
+
 /// What may be asked of a camera. It is met as nearly as the camera can, and what it became is said.
 #[derive(Clone, Debug, PartialEq)]
 pub struct V4lOptions {
@@ -78,6 +82,7 @@ struct V4lCamera {
     info: DeviceInfo,
     size: Size,
     rate_hz: f64,
+    started: Instant,
     unpacker: Unpacker,
     /// Conversion shares no threads with the run: it must not wait for a stage of the pipeline.
     threads: rayon::ThreadPool,
@@ -106,6 +111,7 @@ impl V4lCamera {
         let unpacker = Unpacker::new(format, size, agreed.stride).map_err(unsupported)?;
         controls::release(&node);
         let node = Arc::new(node);
+        let started = Instant::now();
         let buffers = Buffers::start(&node).map_err(explain("starting"))?;
         let threads = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let threads = threads.map_err(|e| DeviceError::Lost(e.to_string()))?;
@@ -120,8 +126,18 @@ impl V4lCamera {
         };
         log::info!("{}: {}, {}", info.uri, info.name, info.modes.join(", "));
         let rate_hz = rate_hz.unwrap_or(wanted.rate_hz);
-        let said_undated = false;
-        Ok(Self { buffers, node, identity, info, size, rate_hz, unpacker, threads, said_undated })
+        Ok(Self {
+            buffers,
+            node,
+            identity,
+            info,
+            size,
+            rate_hz,
+            started,
+            unpacker,
+            threads,
+            said_undated: false,
+        })
     }
 }
 
@@ -232,7 +248,7 @@ impl ColorCamera for V4lCamera {
     }
 
     fn wait(&mut self, timeout: Duration) -> Result<Option<ColorPicture>, DeviceError> {
-        let (unpacker, threads) = (&mut self.unpacker, &self.threads);
+        let (unpacker, threads, started) = (&mut self.unpacker, &self.threads, self.started);
         let mut undated = false;
         let read = |filled: Filled| {
             let arrived = Instant::now();
@@ -242,10 +258,14 @@ impl ColorCamera for V4lCamera {
             if filled.flags & sys::V4L2_BUF_FLAG_ERROR != 0 {
                 return Err(bad("the driver marks it as damaged"));
             }
-            let taken = clock::taken(filled.timestamp, filled.flags);
+            let taken = clock::taken(filled.timestamp, filled.flags, started);
             undated = taken.is_none();
+            let taken = taken.unwrap_or(arrived);
+            if arrived.saturating_duration_since(taken) > STALE {
+                return Ok(None);
+            }
             let pixels = threads.install(|| unpacker.picture(filled.bytes)).map_err(|e| bad(&e))?;
-            Ok(ColorPicture { taken: taken.unwrap_or(arrived), pixels })
+            Ok(Some(ColorPicture { taken, pixels }))
         };
         let picture = self.buffers.next(timeout, read);
         let picture =
@@ -256,7 +276,7 @@ impl ColorCamera for V4lCamera {
                 self.info.uri
             );
         }
-        picture.transpose()
+        picture.unwrap_or(Ok(None))
     }
 
     fn hold_exposure(&mut self) -> Result<(), String> {

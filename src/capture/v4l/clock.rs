@@ -4,8 +4,8 @@ use std::ffi::{c_int, c_long};
 use std::time::{Duration, Instant};
 use v4l::v4l_sys as sys;
 
-/// Drivers that say more than this are wrong: no camera keeps a picture for so long.
-const OLDEST: Duration = Duration::from_secs(5);
+/// Drivers that calculate times from the rate may be ahead by a part of a period.
+const AHEAD: Duration = Duration::from_millis(100);
 
 unsafe extern "C" {
     fn clock_gettime(clock: c_int, time: *mut sys::timespec) -> c_int;
@@ -37,22 +37,29 @@ pub fn is_of_exposure(flags: u32) -> bool {
     flags & sys::V4L2_BUF_FLAG_TSTAMP_SRC_MASK == sys::V4L2_BUF_FLAG_TSTAMP_SRC_SOE
 }
 
-/// When a picture was taken by a driver's word; `None` where it does not say, or says what cannot be: in the
-/// future, or long ago.
-pub fn taken(timestamp: sys::timeval, flags: u32) -> Option<Instant> {
+/// When a picture was taken by a driver's word. `None` where it does not say, or says what cannot be: in the
+/// future, or before the camera was `started`.
+pub fn taken(timestamp: sys::timeval, flags: u32, started: Instant) -> Option<Instant> {
     let now = Instant::now();
-    taken_before(now, monotonic_now()?, timestamp, flags)
+    taken_by(now, monotonic_now()?, timestamp, flags).filter(|taken| *taken >= started)
 }
 
-fn taken_before(
+fn taken_by(
     now: Instant,
     monotonic_now: Duration,
     timestamp: sys::timeval,
     flags: u32,
 ) -> Option<Instant> {
+    if !is_monotonic(flags) {
+        return None;
+    }
     let taken = duration(timestamp.tv_sec, timestamp.tv_usec.checked_mul(1000)?)?;
-    let age = monotonic_now.checked_sub(taken).filter(|age| *age <= OLDEST)?;
-    if is_monotonic(flags) { now.checked_sub(age) } else { None }
+    match monotonic_now.checked_sub(taken) {
+        Some(age) => now.checked_sub(age),
+        None => {
+            Some(taken - monotonic_now).filter(|a| *a <= AHEAD).and_then(|a| now.checked_add(a))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -73,17 +80,31 @@ mod tests {
     fn times_become_instants_only_where_they_can_be_true() {
         let (now, monotonic) = (Instant::now(), Duration::from_millis(1_000_250));
         let taken = |tv_sec, tv_usec, flags| {
-            taken_before(now, monotonic, sys::timeval { tv_sec, tv_usec }, flags)
+            taken_by(now, monotonic, sys::timeval { tv_sec, tv_usec }, flags)
         };
-        assert_eq!(taken(1000, 200_000, MONOTONIC), Some(now - Duration::from_millis(50)));
+        let [before, after] = [50, 30].map(Duration::from_millis);
+        assert_eq!(taken(1000, 200_000, MONOTONIC), Some(now - before));
         assert_eq!(taken(1000, 250_000, MONOTONIC), Some(now));
-        assert_eq!(taken(1000, 251_000, MONOTONIC), None, "in the future");
-        assert_eq!(taken(994, 0, MONOTONIC), None, "long ago");
-        assert_eq!(taken(0, 0, MONOTONIC), None, "never");
+        assert_eq!(taken(1000, 280_000, MONOTONIC), Some(now + after));
+        assert_eq!(taken(1000, 351_000, MONOTONIC), None, "in the future");
         assert_eq!(taken(-1, 0, MONOTONIC), None);
         assert_eq!(taken(1000, c_long::MAX, MONOTONIC), None);
         assert_eq!(taken(1000, 200_000, sys::V4L2_BUF_FLAG_TIMESTAMP_UNKNOWN), None);
         assert_eq!(taken(1000, 200_000, sys::V4L2_BUF_FLAG_TIMESTAMP_COPY), None);
+    }
+
+    #[test]
+    fn no_picture_was_taken_before_the_camera_was_started() {
+        let started = Instant::now();
+        let ago = |by: Duration| {
+            let time = monotonic_now().unwrap() - by;
+            let (seconds, micros) = (time.as_secs() as c_long, time.subsec_micros().into());
+            taken(sys::timeval { tv_sec: seconds, tv_usec: micros }, MONOTONIC, started)
+        };
+        assert_eq!(ago(Duration::from_secs(2)), None);
+        std::thread::sleep(Duration::from_millis(5));
+        // Microseconds are cut off.
+        assert!(ago(Duration::ZERO).is_some_and(|taken| taken > started));
     }
 
     #[test]
