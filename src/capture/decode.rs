@@ -19,9 +19,21 @@ pub(crate) fn color(path: &Path) -> Result<Image<[u8; 3]>, CaptureError> {
     if ImageFormat::Jpeg == guess(path, &bytes)? && !ends_as_jpeg(&bytes) {
         return Err(CaptureError::file(path, "JPEG is cut off: no end marker"));
     }
-    let pixels = decode(path, decoder)?.into_rgb8().into_raw();
+    Ok(rgb(decode(path, decoder)?, size))
+}
+
+/// 8-bit sRGB of a JPEG in memory, which must have this size and [an end](ends_as_jpeg).
+pub(super) fn jpeg(bytes: &[u8], expected: Size) -> Result<Image<[u8; 3]>, String> {
+    let (decoder, size) = decoder(bytes, ImageFormat::Jpeg)?;
+    if size != expected {
+        return Err(format!("a JPEG of {size} among pictures of {expected}"));
+    }
+    Ok(rgb(DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?, size))
+}
+
+fn rgb(picture: DynamicImage, size: Size) -> Image<[u8; 3]> {
     // The decoder's buffer has no rest: it holds 3 bytes for each pixel of its own size.
-    Ok(Image::from_vec(size, pixels.as_chunks::<3>().0.to_vec()))
+    Image::from_vec(size, picture.into_rgb8().into_raw().as_chunks::<3>().0.to_vec())
 }
 
 /// 16-bit grey, as stored.
@@ -74,16 +86,19 @@ fn open<'a>(path: &Path, bytes: &'a [u8]) -> Result<(impl ImageDecoder + 'a, Siz
             format!("{format:?} pictures are not read; use PNG or JPEG"),
         ));
     }
+    decoder(bytes, format).map_err(|problem| CaptureError::file(path, problem))
+}
+
+fn decoder(bytes: &[u8], format: ImageFormat) -> Result<(impl ImageDecoder + '_, Size), String> {
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(MAX_PIXELS as u64 * 8);
     reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(|e| CaptureError::file(path, e.to_string()))?;
+    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 || pixels > MAX_PIXELS as u64 {
-        let problem = format!("{width}x{height} pixels; at most {MAX_PIXELS} are read");
-        return Err(CaptureError::file(path, problem));
+        return Err(format!("{width}x{height} pixels; at most {MAX_PIXELS} are read"));
     }
     Ok((decoder, Size::new(width as usize, height as usize)))
 }
@@ -94,7 +109,7 @@ fn decode(path: &Path, decoder: impl ImageDecoder) -> Result<DynamicImage, Captu
 
 /// JPEG decoders fill what is missing at the end with grey; a cut file shows by its end marker only.
 /// Cameras may append a few bytes after it.
-fn ends_as_jpeg(bytes: &[u8]) -> bool {
+pub(super) fn ends_as_jpeg(bytes: &[u8]) -> bool {
     let tail = &bytes[bytes.len().saturating_sub(1024)..];
     tail.windows(2).any(|w| w == [0xff, 0xd9])
 }

@@ -15,6 +15,7 @@ pub mod layout;
 pub mod live;
 pub mod openni;
 mod photometry;
+pub mod pixel_formats;
 mod plausibility;
 mod rectify;
 mod registration;
@@ -22,6 +23,8 @@ mod rig;
 mod sequence;
 mod text;
 pub mod trajectory;
+#[cfg(all(feature = "v4l", target_os = "linux"))]
+pub mod v4l;
 
 pub use calibration::Calibration;
 pub use decode::MAX_PIXELS;

@@ -49,6 +49,14 @@ pub struct SensorArgs {
     /// Cameras of the sensor, and how they stand to each other [default: its field of view].
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
+    /// Colour from another camera than the sensor's own: v4l is the first, v4l:/dev/video0 a certain one.
+    /// The calibration must have [depth] and [color_from_depth].
+    #[arg(long, value_name = "URI", requires = "calibration")]
+    pub color_device: Option<String>,
+    /// That camera dates its pictures so much later than depth of the same moment, or earlier (-12ms).
+    #[arg(long, value_name = "12ms", value_parser = parse_delay, allow_hyphen_values = true)]
+    #[arg(requires = "color_device")]
+    pub color_delay: Option<f64>,
     /// Size of the colour picture [default: 640,480, or what is nearest].
     #[arg(long, value_name = "W,H", value_parser = parse_size)]
     pub size: Option<(usize, usize)>,
@@ -70,6 +78,7 @@ impl SensorArgs {
             fps: self.fps,
             calibration: self.calibration.clone(),
             hardware_registration: !self.own_registration,
+            color_delay_s: self.color_delay.unwrap_or(0.0),
             hold_exposure_after: self.hold_exposure_after,
             ..OpenniOptions::default()
         }
@@ -116,6 +125,7 @@ impl DeviceArgs {
             looped: self.looped,
             lose_at: self.lose_device_at.clone(),
             openni,
+            color: self.sensor.color_device.clone(),
         };
         let named =
             drivers::find(&self.device, &asked).map_err(|e| CliError::Usage(e.to_string()))?;
@@ -169,6 +179,16 @@ pub fn parse_time(text: &str) -> Result<Duration, String> {
     }
 }
 
+/// Seconds of a time with a sign or without.
+fn parse_delay(text: &str) -> Result<f64, String> {
+    let text = text.trim();
+    let (sign, size) = match text.strip_prefix('-') {
+        Some(size) => (-1.0, size),
+        None => (1.0, text.strip_prefix('+').unwrap_or(text)),
+    };
+    Ok(sign * parse_time(size)?.as_secs_f64())
+}
+
 /// Frames a second over the last second.
 #[derive(Default)]
 pub struct Rate {
@@ -198,6 +218,16 @@ impl Rate {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn delays_have_a_sign() {
+        for (text, s) in [("12ms", 0.012), ("+12ms", 0.012), ("-12ms", -0.012), ("-1.5s", -1.5)] {
+            assert_eq!(parse_delay(text), Ok(s), "{text}");
+        }
+        for bad in ["12", "--1s", "-", "-0s"] {
+            assert!(parse_delay(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn times_have_units() {

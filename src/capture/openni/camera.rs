@@ -19,7 +19,7 @@ pub fn depth_factor(mode: &VideoMode) -> f64 {
 /// What is known about a device's cameras.
 pub struct Known<'a> {
     pub depth: VideoMode,
-    pub color: VideoMode,
+    pub color_size: Size,
     pub color_fov: Option<[f32; 2]>,
     /// Depth comes as the colour camera sees it; `None` where no one says.
     pub registered: Option<bool>,
@@ -40,7 +40,7 @@ const UNREGISTERED: &str = "depth is not registered to colour: the device does n
 
 pub fn set_up(known: &Known) -> Result<Setup, String> {
     let mut notes = Vec::new();
-    let (color_size, depth_size) = (size(&known.color), size(&known.depth));
+    let (color_size, depth_size) = (known.color_size, size(&known.depth));
     let (mut calibration, camera_from) = match known.calibration {
         Some(path) => {
             let read = Calibration::read(path, Some(color_size)).map_err(|e| e.to_string())?;
@@ -69,6 +69,42 @@ pub fn set_up(known: &Known) -> Result<Setup, String> {
     let rig = Rig::new(&calibration, color_size, depth_size, factor, &mut notes)
         .map_err(|problem| format!("calibration ({camera_from}): {problem}"))?;
     Ok(Setup { rig, camera_from, registered, notes })
+}
+
+/// Of a colour camera that is none of the device's: only a calibration says how the two stand.
+pub fn set_up_beside(
+    depth: &VideoMode,
+    color_size: Size,
+    calibration: Option<&Path>,
+) -> Result<Setup, String> {
+    let path = calibration.ok_or(
+        "a colour camera beside the sensor needs a calibration with [color], [depth] and \
+         [color_from_depth]: give its file",
+    )?;
+    let camera_from = path.display().to_string();
+    let mut calibration = Calibration::read(path, Some(color_size)).map_err(|e| e.to_string())?;
+    let parts = [
+        ("[depth]", calibration.depth.is_none()),
+        ("[color_from_depth]", calibration.color_from_depth.is_none()),
+    ];
+    let missing: Vec<_> = parts.iter().filter(|(_, missing)| *missing).map(|p| p.0).collect();
+    if !missing.is_empty() {
+        let missing = missing.join(" and ");
+        return Err(format!(
+            "{camera_from} has no {missing}: without it no one knows how the colour camera stands \
+             beside the sensor"
+        ));
+    }
+    let mut notes = vec![format!("depth is registered to colour here, by {camera_from}")];
+    if std::mem::replace(&mut calibration.registered, false) {
+        notes.push(format!(
+            "{camera_from} counts depth as registered, which it is not to a camera beside the sensor"
+        ));
+    }
+    let factor = depth_factor(depth);
+    let rig = Rig::new(&calibration, color_size, size(depth), factor, &mut notes)
+        .map_err(|problem| format!("calibration ({camera_from}): {problem}"))?;
+    Ok(Setup { rig, camera_from, registered: false, notes })
 }
 
 fn without_calibration(
@@ -125,10 +161,10 @@ mod tests {
     }
 
     fn known(color_fov: Option<[f32; 2]>) -> Known<'static> {
-        let mode = |pixel_format| VideoMode { pixel_format, width: 640, height: 480, fps: 30 };
+        let pixel_format = ffi::DEPTH_1_MM;
         Known {
-            depth: mode(ffi::DEPTH_1_MM),
-            color: mode(ffi::RGB888),
+            depth: VideoMode { pixel_format, width: 640, height: 480, fps: 30 },
+            color_size: Size::new(640, 480),
             color_fov,
             registered: Some(false),
             calibration: None,
@@ -142,8 +178,8 @@ mod tests {
         assert!(setup.notes.iter().any(|n| n.contains("nominal Kinect")), "{:?}", setup.notes);
         let setup = set_up(&known(Some([1.0, 0.8]))).unwrap();
         assert!(setup.notes.iter().any(|n| n.contains("not registered")), "{:?}", setup.notes);
-        let odd = VideoMode { width: 67, height: 43, ..known(None).color };
-        let error = set_up(&Known { color: odd, ..known(None) }).err().expect("no such Kinect");
+        let odd = Known { color_size: Size::new(67, 43), ..known(None) };
+        let error = set_up(&odd).err().expect("no such Kinect");
         assert!(error.contains("give a calibration"), "{error}");
     }
 }

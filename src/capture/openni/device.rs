@@ -1,14 +1,16 @@
 //! A depth sensor as a live source.
 
-use super::camera::{self, Known};
-use super::device_handle::{Device, Sensor};
-use super::feed::{Feed, Streams};
+use super::beside::Beside;
+use super::camera::{self, Known, Setup};
+use super::device_handle::{Device, Sensor, Stream};
+use super::feed::{self, ColorSource, Feed, Streams};
 use super::ffi;
+use super::ffi::VideoMode;
 use super::modes::{self, Wanted};
 use super::recorder::{OniFiles, OniRecorder};
 use super::runtime::Runtime;
 use crate::capture::RawFrame;
-use crate::capture::live::{DeviceError, DeviceInfo, LiveDevice, LiveDriver};
+use crate::capture::live::{ColorDriver, DeviceError, DeviceInfo, LiveDevice, LiveDriver};
 use crate::math::Pinhole;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -33,6 +35,8 @@ pub struct OpenniOptions {
     pub hardware_registration: bool,
     /// Depth and colour exposed together where the device can.
     pub sync: bool,
+    /// By how much a colour camera beside the sensor dates its pictures later than depth of the same moment.
+    pub color_delay_s: f64,
     /// Exposure and white balance are automatic for so long and then held; `None`: always automatic.
     pub hold_exposure_after: Option<Duration>,
     /// Records with OpenNI2's own recorder while streaming; a device that is opened again continues in
@@ -48,6 +52,7 @@ impl Default for OpenniOptions {
             calibration: None,
             hardware_registration: true,
             sync: true,
+            color_delay_s: 0.0,
             hold_exposure_after: None,
             record: None,
         }
@@ -55,26 +60,43 @@ impl Default for OpenniOptions {
 }
 
 /// Opens a sensor through OpenNI2.
-#[derive(Clone, Debug, Default)]
 pub struct OpenniDriver {
     /// `None`: the first that is there.
     pub uri: Option<String>,
     pub options: OpenniOptions,
+    beside: Option<Box<dyn ColorDriver>>,
+    /// Where times begin that are the host's.
+    epoch: Instant,
 }
 
 impl OpenniDriver {
     pub fn new(uri: Option<String>, options: OpenniOptions) -> Self {
-        Self { uri, options }
+        Self { uri, options, beside: None, epoch: Instant::now() }
+    }
+
+    /// Colour from another camera, not from the sensor, which need not have any. The options' calibration must
+    /// say how the two stand. When either is lost, both are opened again.
+    pub fn with_color(self, camera: Box<dyn ColorDriver>) -> Self {
+        Self { beside: Some(camera), ..self }
     }
 }
 
 impl LiveDriver for OpenniDriver {
     fn open(&mut self) -> Result<Box<dyn LiveDevice>, DeviceError> {
-        let device = Runtime::get()?.open(self.uri.as_deref())?;
+        // First of all: it changes the working directory for a moment.
+        let runtime = Runtime::get()?;
+        // Before the sensor, which takes longer.
+        let beside = match &mut self.beside {
+            Some(driver) => {
+                Some(Beside::start(driver.open()?, self.options.color_delay_s, self.epoch)?)
+            }
+            None => None,
+        };
+        let device = runtime.open(self.uri.as_deref())?;
         // Opened again, it should be the same one.
         let uri = self.uri.get_or_insert_with(|| device.found().uri.clone());
         log::info!("OpenNI2: {uri}");
-        Ok(Box::new(OpenniDevice::start(Arc::new(device), &self.options)?))
+        Ok(Box::new(OpenniDevice::start(Arc::new(device), beside, &self.options)?))
     }
 }
 
@@ -90,7 +112,11 @@ pub struct OpenniDevice {
 }
 
 impl OpenniDevice {
-    fn start(device: Arc<Device>, options: &OpenniOptions) -> Result<Self, DeviceError> {
+    fn start(
+        device: Arc<Device>,
+        beside: Option<Beside>,
+        options: &OpenniOptions,
+    ) -> Result<Self, DeviceError> {
         let found = device.found().clone();
         let problem = |why: String| {
             if device.is_lost() {
@@ -99,41 +125,29 @@ impl OpenniDevice {
                 DeviceError::Unsupported(format!("{}: {why}", found.uri))
             }
         };
-        let streams = Streams::new(&device).map_err(problem)?;
-        choose_modes(&device, &streams, options).map_err(problem)?;
         let mut notes = Vec::new();
-        stop_mirroring(&streams, &mut notes);
-        let registered = register(&device, options, &mut notes);
-        let [depth, color] = streams.modes().map_err(problem)?;
-        let setup = camera::set_up(&Known {
-            depth,
-            color,
-            color_fov: streams.color.fov(),
-            registered: Some(registered),
-            calibration: options.calibration.as_deref(),
-            depth_factor: None,
-        })
-        .map_err(problem)?;
-        notes.extend_from_slice(&setup.notes);
-        let feed = Feed::new(streams, setup, true).map_err(problem)?;
+        let opened = match beside {
+            None => with_own_color(&device, options, &mut notes),
+            Some(_) if options.record.is_some() => {
+                Err("OpenNI2 records what the sensor gives: no .oni with a colour camera beside it"
+                    .into())
+            }
+            Some(beside) => with_color_beside(&device, beside, options, &mut notes),
+        };
+        let Opened { feed, modes } = opened.map_err(problem)?;
         let recorder = match &options.record {
             Some(files) => Some(record_to(&files.begin(), &feed, &mut notes).map_err(problem)?),
             None => None,
         };
         feed.start().map_err(problem)?;
-        synchronise(&device, options, &mut notes);
+        if let ColorSource::Sensor(_) = feed.color() {
+            synchronise(&device, options, &mut notes);
+        }
         if options.hold_exposure_after.is_none() {
             notes.push("exposure and white balance stay automatic".into());
         }
-        let info = DeviceInfo {
-            uri: found.uri,
-            vendor: found.vendor,
-            name: found.name,
-            modes: [("depth", depth), ("colour", color)]
-                .map(|(name, mode)| format!("{name}: {}", modes::describe(&mode)))
-                .into(),
-            notes,
-        };
+        let (uri, vendor, name) = (found.uri, found.vendor, found.name);
+        let info = DeviceInfo { uri, vendor, name, modes, notes };
         let hold_after = options.hold_exposure_after;
         Ok(Self { _recorder: recorder, feed, device, info, hold_after, first_frame: None })
     }
@@ -142,14 +156,16 @@ impl OpenniDevice {
         let started = *self.first_frame.get_or_insert_with(Instant::now);
         if self.hold_after.is_some_and(|after| started.elapsed() >= after) {
             self.hold_after = None;
-            let [_, color] = self.feed.streams();
-            let note = match color.lock_exposure() {
-                Ok(()) => {
-                    format!("exposure and white balance are held since frame {}", frame.index)
-                }
-                Err(which) => format!("{which} cannot be held by this device, and stay automatic"),
-            };
-            self.say(note);
+            self.feed.hold_exposure();
+        }
+        match self.feed.held() {
+            Some(Ok(())) => {
+                self.say(format!("exposure and white balance are held since frame {}", frame.index))
+            }
+            Some(Err(which)) => {
+                self.say(format!("{which} cannot be held by this device, and stay automatic"));
+            }
+            None => {}
         }
         frame
     }
@@ -200,40 +216,122 @@ impl LiveDevice for OpenniDevice {
     }
 }
 
+/// Streams that have not started yet, and their modes in words.
+struct Opened {
+    feed: Feed,
+    modes: Vec<String>,
+}
+
+fn with_own_color(
+    device: &Arc<Device>,
+    options: &OpenniOptions,
+    notes: &mut Vec<String>,
+) -> Result<Opened, String> {
+    let streams = Streams::new(device)?;
+    choose_modes(device, &streams, options)?;
+    stop_mirroring(&streams.depth, "depth", notes);
+    stop_mirroring(&streams.color, "colour", notes);
+    let registered = register(device, options.hardware_registration, notes);
+    let [depth, color] = streams.modes()?;
+    let setup = camera::set_up(&Known {
+        depth,
+        color_size: camera::size(&color),
+        color_fov: streams.color.fov(),
+        registered: Some(registered),
+        calibration: options.calibration.as_deref(),
+        depth_factor: None,
+    })?;
+    let modes = vec![in_words("depth", &depth), in_words("colour", &color)];
+    opened(streams.depth, ColorSource::Sensor(streams.color), setup, modes, notes)
+}
+
+fn with_color_beside(
+    device: &Arc<Device>,
+    beside: Beside,
+    options: &OpenniOptions,
+    notes: &mut Vec<String>,
+) -> Result<Opened, String> {
+    let calibration = options.calibration.as_deref();
+    let depth = feed::depth_stream(device)?;
+    set_depth_mode(device, &depth, None, options.fps)?;
+    let mode = feed::mode(&depth, "depth")?;
+    let setup = camera::set_up_beside(&mode, beside.size(), calibration)?;
+    stop_mirroring(&depth, "depth", notes);
+    if register(device, false, notes) {
+        return Err(
+            "it registers depth to its own colour camera and cannot be told not to, which is of \
+             no use to a camera beside it"
+                .into(),
+        );
+    }
+    let color = beside.info();
+    let mut modes = vec![in_words("depth", &mode)];
+    modes.extend_from_slice(&color.modes);
+    notes.push(format!("colour is from {} ({} {})", color.uri, color.vendor, color.name));
+    notes.extend_from_slice(&color.notes);
+    let delay_ms = options.color_delay_s * 1e3;
+    notes.push(format!(
+        "depth and colour are paired by the host's clock, colour taken as {delay_ms:.1} ms late"
+    ));
+    opened(depth, ColorSource::Beside(beside), setup, modes, notes)
+}
+
+fn opened(
+    depth: Stream,
+    color: ColorSource,
+    setup: Setup,
+    modes: Vec<String>,
+    notes: &mut Vec<String>,
+) -> Result<Opened, String> {
+    notes.extend_from_slice(&setup.notes);
+    Ok(Opened { feed: Feed::new(depth, color, setup, true)?, modes })
+}
+
+fn in_words(name: &str, mode: &VideoMode) -> String {
+    format!("{name}: {}", modes::describe(mode))
+}
+
 fn choose_modes(device: &Device, streams: &Streams, options: &OpenniOptions) -> Result<(), String> {
     let wanted = Wanted { size: options.size, fps: options.fps };
     let colors = device.modes(Sensor::Color);
     let color =
         modes::choose(&colors, &[ffi::RGB888], wanted).map_err(|e| format!("colour: {e}"))?;
     streams.color.set_mode(color).map_err(|e| format!("colour: {e}"))?;
+    // Colour is often offered larger than depth; depth is then resampled.
+    let same = [color.width.max(0) as usize, color.height.max(0) as usize];
+    set_depth_mode(device, &streams.depth, Some(same), options.fps)
+}
 
+/// Of this size where there is one.
+fn set_depth_mode(
+    device: &Device,
+    stream: &Stream,
+    size: Option<[usize; 2]>,
+    fps: Option<u32>,
+) -> Result<(), String> {
     let formats = [ffi::DEPTH_1_MM, ffi::DEPTH_100_UM];
     let depths = device.modes(Sensor::Depth);
-    // Colour is often offered larger than depth; depth is then resampled.
-    let same = Some([color.width.max(0) as usize, color.height.max(0) as usize]);
-    let depth = modes::choose(&depths, &formats, Wanted { size: same, fps: options.fps })
-        .or_else(|_| modes::choose(&depths, &formats, Wanted { size: None, fps: options.fps }))
+    let depth = modes::choose(&depths, &formats, Wanted { size, fps })
+        .or_else(|_| modes::choose(&depths, &formats, Wanted { size: None, fps }))
         .map_err(|e| format!("depth: {e}"))?;
-    streams.depth.set_mode(depth).map_err(|e| format!("depth: {e}"))
+    stream.set_mode(depth).map_err(|e| format!("depth: {e}"))
 }
 
 /// Frames that stay mirrored are turned round as they are read.
-fn stop_mirroring(streams: &Streams, notes: &mut Vec<String>) {
-    for (name, stream) in [("depth", &streams.depth), ("colour", &streams.color)] {
-        if stream.is_mirrored()
-            && let Err(why) = stream.stop_mirroring()
-        {
-            notes.push(format!("{name} stays mirrored ({why}) and is turned round here"));
-        }
+fn stop_mirroring(stream: &Stream, name: &str, notes: &mut Vec<String>) {
+    if stream.is_mirrored()
+        && let Err(why) = stream.stop_mirroring()
+    {
+        notes.push(format!("{name} stays mirrored ({why}) and is turned round here"));
     }
 }
 
-/// Whether the device registers.
-fn register(device: &Device, options: &OpenniOptions, notes: &mut Vec<String>) -> bool {
+/// Whether the device registers, asked to do it or not.
+fn register(device: &Device, wanted: bool, notes: &mut Vec<String>) -> bool {
     if !device.offers_registration() {
         return false;
     }
-    if let Err(why) = device.set_registration(options.hardware_registration) {
+    if let Err(why) = device.set_registration(wanted) {
         notes.push(format!("the device offers registration and refuses to change it: {why}"));
     }
     device.registration().unwrap_or(false)
@@ -241,7 +339,7 @@ fn register(device: &Device, options: &OpenniOptions, notes: &mut Vec<String>) -
 
 fn record_to(path: &Path, feed: &Feed, notes: &mut Vec<String>) -> Result<OniRecorder, String> {
     let name = path.display();
-    let recorder = OniRecorder::start(path, feed.streams(), false)
+    let recorder = OniRecorder::start(path, &feed.streams(), false)
         .map_err(|why| format!("{name} cannot be recorded: {why}"))?;
     notes.push(format!("OpenNI2 records to {name}"));
     Ok(recorder)

@@ -248,11 +248,12 @@ impl Stream {
     }
 
     /// Waits until one of the streams has a frame; gives its position. `None` at the end of the time.
-    pub fn wait_any(streams: [&Self; 2], timeout: Duration) -> Result<Option<usize>, DeviceError> {
+    pub fn wait_any(streams: &[&Self], timeout: Duration) -> Result<Option<usize>, DeviceError> {
+        let Some(first) = streams.first() else { return Ok(None) };
         let milliseconds = timeout.as_micros().div_ceil(1000).min(c_int::MAX as u128) as c_int;
-        let mut handles = streams.map(Self::raw);
-        // SAFETY: both streams exist, and the runtime is one per process.
-        unsafe { streams[0].device.runtime.wait_for_any(&mut handles, milliseconds) }
+        let mut handles: Vec<_> = streams.iter().map(|stream| stream.raw()).collect();
+        // SAFETY: the streams exist, and the runtime is one per process.
+        unsafe { first.device.runtime.wait_for_any(&mut handles, milliseconds) }
     }
 
     /// The newest frame. Without one this blocks for ever: [wait](Self::wait_any) first.

@@ -2,7 +2,7 @@
 
 use super::camera::{self, Known};
 use super::device_handle::{Device, Stream};
-use super::feed::{Feed, Streams};
+use super::feed::{ColorSource, Feed, Streams};
 use super::ffi::VideoMode;
 use super::runtime::Runtime;
 use crate::capture::{CaptureError, FrameSource, RawFrame};
@@ -184,7 +184,7 @@ impl Player {
         };
         let setup = camera::set_up(&Known {
             depth: modes[0],
-            color: modes[1],
+            color_size: camera::size(&modes[1]),
             color_fov: streams.color.fov(),
             registered: device.registration(),
             calibration: options.calibration.as_deref(),
@@ -205,7 +205,8 @@ impl Player {
             undistorted: setup.rig.undistorts(),
             notes,
         };
-        let feed = Feed::new(streams, setup, false)?;
+        let color = ColorSource::Sensor(streams.color);
+        let feed = Feed::new(streams.depth, color, setup, false)?;
         feed.start()?;
         Ok((Self { feed: Some(feed), device, astray: false, _claim: claim }, info))
     }

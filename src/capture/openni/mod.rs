@@ -3,6 +3,7 @@
 //! [`OpenniDriver`] gives live frames, [`OniSource`] those of a recording, [`OniRecorder`] makes one.
 //! Below them: [`Runtime`], [`Device`], [`Stream`] and [`FrameRef`] own what the C interface hands out.
 
+mod beside;
 mod camera;
 mod clock;
 mod device;

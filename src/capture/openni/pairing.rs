@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 /// Frames of one stream that wait for a partner. A stream that alone goes on must not fill the memory.
-const MOST_WAITING: usize = 8;
+pub const MOST_WAITING: usize = 8;
 
 /// Pairs frames that are at most half a period apart: with streams in order of time no other frame of the
 /// same stream is nearer.

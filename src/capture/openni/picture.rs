@@ -3,6 +3,7 @@
 use super::device_handle::FrameRef;
 use super::ffi;
 use crate::capture::live::DeviceError;
+use crate::capture::pixel_formats::Rows;
 use crate::image::{Image, Size};
 
 /// Depth as stored, in the stream's unit.
@@ -40,30 +41,10 @@ fn rows<'f>(
     if (header.width, header.height) != (size.width as i32, size.height as i32) {
         return Err(bad(format!("{}x{} in a stream of {size}", header.width, header.height)));
     }
-    let layout = Layout { row: size.width * pixel_bytes, height: size.height };
-    layout.rows(frame.data(), header.stride).map_err(bad)
-}
-
-/// Bytes of a picture's row without padding, and rows.
-#[derive(Clone, Copy)]
-struct Layout {
-    row: usize,
-    height: usize,
-}
-
-impl Layout {
-    fn rows(self, data: &[u8], stride: i32) -> Result<impl Iterator<Item = &[u8]>, String> {
-        let Self { row, height } = self;
-        let step = usize::try_from(stride).ok().filter(|&s| s >= row && s > 0);
-        let step = step.ok_or_else(|| format!("rows {stride} bytes apart hold no {row} bytes"))?;
-        // The last row needs no padding.
-        let needed =
-            height.checked_sub(1).map_or(0, |h| h.saturating_mul(step).saturating_add(row));
-        if data.len() < needed {
-            return Err(format!("{} of {needed} bytes", data.len()));
-        }
-        Ok(data.chunks(step).take(height).map(move |r| &r[..row]))
-    }
+    let rows = Rows { row: size.width * pixel_bytes, count: size.height };
+    let stride = usize::try_from(header.stride)
+        .map_err(|_| bad(format!("rows {} bytes apart", header.stride)))?;
+    rows.of(frame.data(), stride).map_err(bad)
 }
 
 fn upright<T: Clone + Send + Sync>(mut picture: Image<T>, mirrored: bool) -> Image<T> {
@@ -78,24 +59,6 @@ fn upright<T: Clone + Send + Sync>(mut picture: Image<T>, mirrored: bool) -> Ima
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn padding_is_skipped_and_short_data_are_refused() {
-        let data: Vec<u8> = (0..14).collect();
-        let layout = Layout { row: 4, height: 3 };
-        let rows: Vec<_> = layout.rows(&data, 5).unwrap().map(<[u8]>::to_vec).collect();
-        assert_eq!(rows, [[0, 1, 2, 3], [5, 6, 7, 8], [10, 11, 12, 13]]);
-        let fails = |stride, bytes: usize, what: &str| {
-            let error = layout.rows(&data[..bytes], stride).err().expect(what);
-            assert!(error.contains(what), "{error}");
-        };
-        fails(5, 13, "13 of 14 bytes");
-        fails(3, 14, "hold no 4 bytes");
-        fails(-4, 14, "-4 bytes apart");
-        fails(i32::MAX, 14, "14 of");
-        let none = Layout { row: 4, height: 0 };
-        assert_eq!(none.rows(&[], 4).unwrap().count(), 0);
-    }
 
     #[test]
     fn mirroring_is_undone_row_by_row() {

@@ -64,8 +64,8 @@ impl OniRecorder {
     ///
     /// The library stores times from each stream's first recorded frame, so the first colour and depth frame
     /// both get time 0, whatever was between them.
-    pub fn start(path: &Path, streams: [&Stream; 2], lossy: bool) -> Result<Self, String> {
-        let runtime = streams[0].device.runtime;
+    pub fn start(path: &Path, streams: &[&Stream], lossy: bool) -> Result<Self, String> {
+        let runtime = streams.first().ok_or("no stream to record")?.device.runtime;
         let name = path.to_str().ok_or("OpenNI2 writes files with names in UTF-8 only")?;
         let name = CString::new(name).map_err(|_| "a name with a zero byte")?;
         let mut handle = null_mut();

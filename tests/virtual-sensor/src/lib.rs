@@ -100,10 +100,10 @@ pub unsafe extern "C" fn oniDriverDeviceCreateStream(
     device: *mut Device,
     sensor: c_int,
 ) -> *mut Stream {
-    if sensor != DEPTH && sensor != COLOR {
+    let shared = Arc::clone(unsafe { &(*device).shared });
+    if sensor != DEPTH && (sensor != COLOR || !shared.script.has_color()) {
         return std::ptr::null_mut();
     }
-    let shared = Arc::clone(unsafe { &(*device).shared });
     Box::into_raw(Box::new(Stream::new(sensor, shared)))
 }
 

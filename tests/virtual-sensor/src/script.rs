@@ -3,7 +3,7 @@
 //! One `key value..` a line:
 //!
 //! ```text
-//! color 64 48              size
+//! color 64 48              size; 0 0 of a sensor without colour
 //! depth 64 48
 //! fps 30                   half of it is offered, too
 //! depth-format 1mm         or 100um
@@ -164,6 +164,10 @@ impl Script {
 
     fn frame_bytes(&self) -> usize {
         self.depth_bytes() + 3 * self.color[0] * self.color[1]
+    }
+
+    pub fn has_color(&self) -> bool {
+        self.color != [0; 2]
     }
 
     pub fn frame_count(&self) -> usize {

@@ -125,6 +125,7 @@ impl Device {
             .into_iter()
             .zip(&mut modes)
             .map(|(sensor, m)| SensorInfo { sensor, mode_count: 2, modes: m.as_mut_ptr() })
+            .take(shared.streams())
             .collect();
         Self { shared, sensors, _modes: modes, registration: 0, property: None }
     }
@@ -145,6 +146,11 @@ impl Shared {
 
     pub fn mode(&self, sensor: c_int) -> VideoMode {
         self.mode_at(sensor, lock(&self.ports)[side(sensor)].fps)
+    }
+
+    /// Depth comes first.
+    fn streams(&self) -> usize {
+        1 + usize::from(self.script.has_color())
     }
 
     /// Gives the library the next frame of every started stream; `false` when there is none.
@@ -227,7 +233,7 @@ impl Shared {
 
     /// The reader waits and has nothing.
     pub fn poked(&self) {
-        let ready = lock(&self.ports).iter().all(|p| p.started);
+        let ready = lock(&self.ports).iter().take(self.streams()).all(|p| p.started);
         if !self.script.by_clock && ready {
             self.emit();
         }
@@ -279,7 +285,7 @@ impl Stream {
         let port = &mut ports[side(self.sensor)];
         port.sink = Some(Sink { callback, cookie, services: self.services, stream: Address(me) });
         port.started = true;
-        let all = ports.iter().all(|p| p.started);
+        let all = ports.iter().take(self.device.streams()).all(|p| p.started);
         drop(ports);
         if all {
             self.device.start_clock();
