@@ -163,8 +163,11 @@ fn a_busy_sensor_is_a_problem_with_its_reason() {
 fn compile(code: &str, library: &Path, needs: &[&Path]) {
     let source = library.with_extension("c");
     std::fs::write(&source, code).unwrap();
+    // By this name others need it, not by its path.
+    let name = library.file_name().unwrap().to_str().unwrap();
     let built = Command::new("cc")
-        .args(["-shared", "-fPIC", "-o", text(library), text(&source)])
+        .args(["-shared", "-fPIC", &format!("-Wl,-soname,{name}")])
+        .args(["-o", text(library), text(&source)])
         .args(needs)
         .status()
         .expect("there is a C compiler, which links Rust programs, too");

@@ -72,8 +72,8 @@ pub fn run(args: &DoctorArgs, talk: Talk) -> Result<(), CliError> {
     });
     result["cameras"] = json!(report);
     result["optional"] = json!(optional);
-    result["features"] =
-        diagnosis::features().iter().map(|&(n, on)| (n.to_owned(), on.into())).collect();
+    let features = diagnosis::features().into_iter();
+    result["features"] = features.map(|(name, on)| (name, Value::from(on))).collect::<Value>();
     result["problems"] = json!(report.problems);
     talk.result(&result);
     Ok(())
