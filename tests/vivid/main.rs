@@ -225,15 +225,19 @@ fn an_unplugged_camera_is_lost_then_absent_then_back() {
     next(&mut *driver.open().expect("it is back"));
 }
 
-/// A sensor without colour that gives a plane, `fps` times a second.
-fn prepare_sensor(fps: usize, frames: usize) -> PathBuf {
+/// Beside the sensor: small and slow, for an emulation of both.
+const SMALL: Size = Size::new(320, 180);
+const SLOW_FPS: u32 = 5;
+
+/// A sensor without colour that gives a plane, for longer than any test takes.
+fn prepare_sensor() -> PathBuf {
     let folder = sensor_folder();
     let played = Played {
         depth_size: [64, 48],
         color_size: [0, 0],
-        frames: (0..frames).map(|k| (vec![1500 + k as u16; 64 * 48], Vec::new())).collect(),
+        frames: vec![(vec![1500; 64 * 48], Vec::new()); 3000],
     };
-    played.write(&folder, &format!("fps {fps}\npace clock"));
+    played.write(&folder, &format!("fps {SLOW_FPS}\npace clock"));
     let calibration = folder.join("beside.toml");
     std::fs::write(&calibration, include_str!("beside.toml")).unwrap();
     calibration
@@ -244,12 +248,12 @@ fn the_program_records_vivid_beside_a_depth_sensor() {
     if !in_guest() {
         return;
     }
-    let calibration = prepare_sensor(10, 600);
+    let calibration = prepare_sensor();
     let out = std::env::temp_dir().join("recorded");
     let mut program = Command::new(std::env::var_os("KINLIGHT_PROGRAM").expect("set by run.sh"));
     program.args(["record", "--device", "openni", "--color-device", "v4l:/dev/video0"]);
-    program.args(["--fps", "10", "--hold-exposure-after", "100ms", "--color-delay", "-5ms"]);
-    program.args(["--stall", "20s", "--frames", "12", "--json"]);
+    program.args(["--size", "320,180", "--fps", "5", "--color-delay", "-5ms"]);
+    program.args(["--hold-exposure-after", "100ms", "--stall", "60s", "--frames", "8", "--json"]);
     let output = program.arg("--calibration").arg(calibration).arg("--out").arg(&out).output();
     let output = output.expect("the program starts");
     let said = String::from_utf8_lossy(&output.stderr);
@@ -259,7 +263,7 @@ fn the_program_records_vivid_beside_a_depth_sensor() {
     let live = &result["live"];
     assert_eq!((&live["outages"], &live["bad"]), (&0.into(), &0.into()));
     let device = live["device"].to_string();
-    for note in ["colour is from v4l:/dev/video0", "640x480", "taken as -5.0 ms late"] {
+    for note in ["colour is from v4l:/dev/video0", "320x180", "taken as -5.0 ms late"] {
         assert!(device.contains(note), "{note}: {device}");
     }
     assert!(said.contains("exposure and white balance cannot be held"), "{said}");
@@ -269,12 +273,12 @@ fn the_program_records_vivid_beside_a_depth_sensor() {
     assert_eq!(recorded.len(), Some(written as usize));
     let mut times = Vec::new();
     while let Some(frame) = recorded.next_frame().unwrap() {
-        assert_eq!(frame.color.size(), Size::new(640, 480));
+        assert_eq!(frame.color.size(), SMALL);
         let [white, .., black] = bars(&frame.color);
         assert!(white.iter().all(|c| *c > 170) && black.iter().all(|c| *c < 20));
         // The plane of the sensor, where the camera sees it.
-        let depth_m = frame.depth_m[(320, 240)];
-        assert!((1.4..2.2).contains(&depth_m), "{depth_m}");
+        let depth_m = frame.depth_m[(160, 90)];
+        assert!((depth_m - 1.5).abs() < 1e-3, "{depth_m}");
         times.push(frame.timestamp_s);
     }
     assert!(times.windows(2).all(|w| w[0] < w[1]), "{times:?}");
@@ -285,10 +289,11 @@ fn a_run_goes_on_when_vivid_is_unplugged_and_comes_back() {
     if !in_guest() {
         return;
     }
-    let calibration = prepare_sensor(10, 6000);
-    let asked =
-        OpenniOptions { calibration: Some(calibration), fps: Some(10), ..Default::default() };
-    let camera = V4lDriver::new(None, V4lOptions { fps: Some(10), ..V4lOptions::default() });
+    let calibration = prepare_sensor();
+    let fps = Some(SLOW_FPS);
+    let asked = OpenniOptions { calibration: Some(calibration), fps, ..Default::default() };
+    let size = Some([SMALL.width, SMALL.height]);
+    let camera = V4lDriver::new(None, V4lOptions { size, fps, ..V4lOptions::default() });
     let driver = OpenniDriver::new(None, asked).with_color(Box::new(camera));
     let options = LiveOptions { stall: SOON, first_frame: SOON, ..LiveOptions::default() };
     let mut source = LiveSource::open(Box::new(driver), options).unwrap();
@@ -314,7 +319,8 @@ fn a_run_goes_on_when_vivid_is_unplugged_and_comes_back() {
     take(&mut source, 4);
     let counts = source.counts();
     eprintln!("{counts}");
-    assert_eq!((counts.outages, counts.recoveries, counts.clock_jumps), (1, 1, 0));
+    // Not of jumps of its clock: to an emulation slower than the camera, pictures that waited look like some.
+    assert_eq!((counts.outages, counts.recoveries), (1, 1));
     let started = Instant::now();
     drop(source);
     assert!(started.elapsed() < Duration::from_secs(2), "{:?}", started.elapsed());
