@@ -157,10 +157,13 @@ impl Shared {
         if let Some(back_ms) = unplug
             && !UNPLUGGED_ONCE.swap(true, SeqCst)
         {
+            self.script.note("unplug", frame);
             announce(false);
             if let Some(ms) = back_ms {
+                let script = Arc::clone(&self.script);
                 std::thread::spawn(move || {
                     std::thread::sleep(Duration::from_millis(ms));
+                    script.note("plug", frame);
                     announce(true);
                 });
             }
@@ -169,6 +172,7 @@ impl Shared {
             return false;
         }
         self.next.store(frame + 1, SeqCst);
+        self.script.note("frame", frame);
         for (side, sensor) in [DEPTH, COLOR].into_iter().enumerate() {
             if sensor == COLOR && self.script.has(Fault::NoColor(frame)) {
                 continue;

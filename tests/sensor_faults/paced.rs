@@ -1,0 +1,119 @@
+//! A stream that drops frames against replays of what the same sensor gives.
+
+use crate::common::process::lines;
+use crate::common::text;
+use crate::rig::{Does, FRAMES, Rig};
+use crate::table::publish;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// At every pixel: too slow for a sensor's pace on the machines that tests run on, so that frames are dropped.
+const COMPUTE: [&str; 6] =
+    ["--preset", "ours", "--backend", "cpu", "--set", "transfer.directions=64"];
+
+/// Frames of a run, by time: position of the camera and direction to the light.
+struct Run {
+    folder: PathBuf,
+    frames: Vec<(String, [f64; 3], [f64; 3])>,
+}
+
+impl Run {
+    fn read(folder: PathBuf) -> Self {
+        let light = fs::read_to_string(folder.join("light.jsonl")).unwrap();
+        let path = fs::read_to_string(folder.join("trajectory.txt")).unwrap();
+        let poses = path.lines().filter(|l| !l.starts_with('#'));
+        let frame = |(light, pose): (&str, &str)| {
+            let light: Value = serde_json::from_str(light).unwrap();
+            let direction = serde_json::from_value(light["dominant_direction"].clone()).unwrap();
+            let words: Vec<&str> = pose.split(' ').collect();
+            let time = format!("{:.6}", light["timestamp"].as_f64().unwrap());
+            assert_eq!(words[0], time, "every frame is tracked");
+            (time, [1, 2, 3].map(|i| words[i].parse().unwrap()), direction)
+        };
+        let frames: Vec<_> = light.lines().zip(poses).map(frame).collect();
+        assert_eq!(frames.len(), light.lines().count());
+        Self { folder, frames }
+    }
+
+    fn file(&self, name: &str) -> Vec<u8> {
+        fs::read(self.folder.join(name)).unwrap()
+    }
+}
+
+/// The pairs of a TUM recording at these times, as a recording of its own.
+fn only(recording: &Path, times: &[String], out: &Path) {
+    fs::create_dir_all(out).unwrap();
+    for folder in ["rgb", "depth"] {
+        std::os::unix::fs::symlink(recording.join(folder), out.join(folder)).unwrap();
+    }
+    for name in ["intrinsics.txt", "calibration.toml"] {
+        fs::copy(recording.join(name), out.join(name)).unwrap();
+    }
+    for name in ["rgb.txt", "depth.txt", "associations.txt"] {
+        let list = fs::read_to_string(recording.join(name)).unwrap();
+        let wanted = |line: &&str| {
+            line.starts_with('#') || times.iter().any(|t| line.split(' ').next() == Some(t))
+        };
+        let kept: Vec<&str> = list.lines().filter(wanted).collect();
+        assert_eq!(kept.len(), times.len() + 1, "{name}: all of them were recorded");
+        fs::write(out.join(name), kept.join("\n") + "\n").unwrap();
+    }
+}
+
+#[test]
+fn a_paced_stream_is_the_replay_of_the_frames_it_took() {
+    let Some(paced) = Rig::new(Does::Stream, "pace clock") else { return };
+    let streamed = paced.at("streamed");
+    let stream = ["stream", "--device", "openni", "--no-object", "--out", text(&streamed)];
+    let mut run = paced.run(&[&stream[..], &COMPUTE].concat(), "stream");
+    run.until("the last frame", || paced.happened("frame", FRAMES - 1));
+    run.signal("-INT");
+    run.end().succeeded();
+    let streamed = Run::read(streamed);
+
+    let whole = Rig::new(Does::Record, "pace read").expect("as before");
+    let frames = FRAMES.to_string();
+    whole.start(&["--every-frame", "--frames", &frames]).end().succeeded();
+    assert_eq!(whole.written(), FRAMES);
+    let replay = |recording: &Path, name: &str| {
+        let out = whole.at(name);
+        let args = ["replay", text(recording), "--no-object", "--out", text(&out)];
+        whole
+            .run(&[&args[..], &["--without", "frames"], &COMPUTE].concat(), name)
+            .end()
+            .succeeded();
+        Run::read(out)
+    };
+    let times: Vec<String> = streamed.frames.iter().map(|f| f.0.clone()).collect();
+    only(&whole.out(), &times, &whole.at("taken"));
+    let same = replay(&whole.at("taken"), "same");
+    for name in ["light.jsonl", "trajectory.txt", "mesh.ply", "environment.hdr"] {
+        assert!(streamed.file(name) == same.file(name), "{name} differs");
+    }
+
+    let all = replay(&whole.out(), "all");
+    assert_eq!(lines(&whole.at("all/light.jsonl")), FRAMES);
+    let (mut apart_mm, mut turned_deg) = (Vec::new(), Vec::new());
+    for (time, position, direction) in &streamed.frames {
+        let (_, there, lit) = all.frames.iter().find(|f| f.0 == *time).expect("all frames");
+        let squares: f64 = (0..3).map(|i| (position[i] - there[i]).powi(2)).sum();
+        apart_mm.push(squares.sqrt() * 1e3);
+        let cosine: f64 = (0..3).map(|i| direction[i] * lit[i]).sum();
+        turned_deg.push(cosine.clamp(-1.0, 1.0).acos().to_degrees());
+    }
+    let spread = |values: &[f64]| {
+        let median = kinlight::math::median(values.iter().copied()).expect("frames");
+        format!("{median:.2} (median), {:.2} (worst)", values.iter().copied().fold(0.0, f64::max))
+    };
+    publish(&format!(
+        "A stream at the sensor's pace took {} of {FRAMES} frames. Light, path, mesh and environment are bit for bit \
+         those of a replay of exactly these. Against a replay of all {FRAMES}, at the same times: the camera {} mm \
+         apart, the light {} degrees.\n",
+        times.len(),
+        spread(&apart_mm),
+        spread(&turned_deg),
+    ));
+    // The same room and the same camera: two frames that follow each other in the demo are about 1 cm apart.
+    assert!(apart_mm.iter().all(|&mm| mm < 10.0), "{apart_mm:?}");
+}
