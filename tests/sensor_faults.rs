@@ -13,7 +13,7 @@ mod rig;
 mod table;
 
 use common::process::{Ended, on_this_machine};
-use rig::{Does, Event, FRAMES, PERIOD_MS, Rig, Seen};
+use rig::{Does, Event, FRAMES, PERIOD_MS, Rig, Seen, true_position_m};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -29,9 +29,8 @@ const STOP: Duration = Duration::from_secs(2);
 /// The fault comes with this frame.
 const FAULT: usize = 20;
 
-/// Pictures at the same place, tracked in the map before and after a fault, may lie apart by this: twice the
-/// distance between two that follow each other in the demo.
-const SAME_PLACE_M: f64 = 0.02;
+/// Farther off, the camera would not be in the map of before: the volume's voxels are 3.1 cm wide.
+const ANOTHER_PLACE_M: f64 = 0.03;
 
 /// What is wrong, and what a run must make of it.
 struct Fault {
@@ -187,7 +186,7 @@ fn survives(does: Does, fault: &Fault) -> Option<Row> {
         run.until("the fault", || last_before_gap(&rig.log()));
         std::thread::sleep(Duration::from_millis(300));
         before = rig.files();
-        run.until("the device is back", || opened_again(&rig.log()).is_some_and(|e| e.len() > 12));
+        run.until("the device is back", || opened_again(&rig.log()).is_some_and(|e| e.len() > 4));
         let written = rig.written();
         run.until("frames after the fault", || rig.written() >= written + 4);
     } else {
@@ -197,28 +196,36 @@ fn survives(does: Does, fault: &Fault) -> Option<Row> {
     let ended = run.end();
     let what = format!("{}, {}", does.name(), fault.name);
     let stop_s = stopped(&ended, &what);
-    fault.says.iter().for_each(|words| drop(ended.line(words)));
+    for words in fault.says {
+        ended.line(words);
+    }
     rig.still_has(&before);
 
     let (seen, log) = (rig.seen(), rig.log());
     let live = &ended.json()["live"];
     let count = |key: &str| live[key].as_u64().unwrap() as usize;
     let parts = in_parts(&seen);
+    let mut off_m = None;
     match fault.effect {
         Effect::Reopened => {
             assert_eq!(parts.len(), 2, "{what}: {seen:?}");
             assert_eq!((count("outages"), count("recoveries")), (1, 1), "{live}");
             if does == Does::Stream {
-                the_map_survives(&parts, &what);
+                off_m = Some(the_map_survives(&parts, &what));
             }
         }
         _ => {
             assert_eq!(parts.len(), 1, "{what}: {seen:?}");
             assert_eq!(count("outages"), 0, "{what}: {live}");
-            // Whatever the clock does, frames are as far apart as they are.
-            let passed = seen.last()?.time_s - seen[0].time_s;
-            let played = (seen.last()?.played - seen[0].played) as f64 * PERIOD_MS / 1e3;
-            assert!((passed - played).abs() < 1e-3, "{what}: {passed} s for {played} s");
+            // Whatever the clock does, frames are as far apart as they are; where those at the jump were
+            // read late, the time between them is not known.
+            let (first, last) = (&seen[0], &seen[seen.len() - 1]);
+            let passed_s = last.time_s - first.time_s;
+            let played_s = (last.played - first.played) as f64 * PERIOD_MS / 1e3;
+            let at_jump = seen.windows(2).find(|w| w[1].played >= FAULT).expect("frames after it");
+            let unknown_s = (at_jump[1].played - at_jump[0].played - 1) as f64 * PERIOD_MS / 1e3;
+            let off_s = (passed_s - played_s).abs();
+            assert!(off_s < 1e-3 + unknown_s, "{what}: {passed_s} s for {played_s} s");
         }
     }
     let broken = [FAULT, FAULT + 3, FAULT + 6];
@@ -235,15 +242,12 @@ fn survives(does: Does, fault: &Fault) -> Option<Row> {
     let lost = missing(&parts);
     let replaced = count("dropped") + dropped_writing(&ended);
     let frames = format!(
-        "{} of {}{}",
+        "{} of {}{}{}{}",
         seen.len(),
         seen.len() + lost,
-        match (bad + alone, replaced) {
-            (0, 0) => String::new(),
-            (0, dropped) => format!("; {dropped} dropped for newer ones"),
-            (n, 0) => format!("; {n} broken"),
-            (n, dropped) => format!("; {n} broken, {dropped} dropped for newer ones"),
-        }
+        told(bad + alone, "broken"),
+        told(replaced, "dropped for newer ones"),
+        off_m.map_or(String::new(), |m| format!("; after it off by {:.0} mm at most", m * 1e3)),
     );
     let recovery_ms = (fault.effect == Effect::Reopened).then(|| recovery_ms(&log));
     Some(Row {
@@ -255,6 +259,10 @@ fn survives(does: Does, fault: &Fault) -> Option<Row> {
         frames,
         stop_s: Some(stop_s),
     })
+}
+
+fn told(count: usize, what: &str) -> String {
+    if count > 0 { format!("; {count} {what}") } else { String::new() }
 }
 
 fn dropped_writing(ended: &Ended) -> usize {
@@ -295,26 +303,21 @@ fn missing(parts: &[&[Seen]]) -> usize {
     parts.iter().map(gaps).sum()
 }
 
-/// Tracking goes on, and what is seen again lies where it was.
-fn the_map_survives(parts: &[&[Seen]], what: &str) {
+/// Tracking goes on in the same world: after the fault, too, the camera is where it truly is, in the axes of the first
+/// frame of all. Gives the distance of the worst frame.
+fn the_map_survives(parts: &[&[Seen]], what: &str) -> f64 {
     let [before, after] = parts else { panic!("two parts") };
-    let tracked = |s: &&Seen| s.position_m.is_some() && s.state != "lost";
     assert_eq!(after.last().expect("frames").state, "tracking", "{what}: {after:?}");
-    let place = |part: &[Seen]| -> BTreeMap<usize, [f64; 3]> {
-        part.iter().filter(tracked).filter_map(|s| Some((s.played, s.position_m?))).collect()
+    let off_m = |seen: &Seen| {
+        let there = true_position_m(before[0].played, seen.played);
+        let squares = |here: [f64; 3]| (0..3).map(|i| (here[i] - there[i]).powi(2)).sum::<f64>();
+        seen.position_m.map(|here| squares(here).sqrt())
     };
-    let (then, now) = (place(before), place(after));
-    let mut worst_m = 0.0f64;
-    for (played, position) in &now {
-        // The nearest frame that was seen before.
-        let near = then.range(..=played).next_back().or_else(|| then.range(played..).next());
-        let (_, there) = near.expect("frames before the fault");
-        let squares = (0..3).map(|i| (position[i] - there[i]).powi(2));
-        worst_m = worst_m.max(squares.sum::<f64>().sqrt());
-    }
-    let untracked = after.iter().take_while(|s| s.state != "tracking").count();
-    println!("{what}: at most {:.1} mm apart, {untracked} frames until it tracks", worst_m * 1e3);
-    assert!(!now.is_empty() && worst_m < SAME_PLACE_M, "{what}: {worst_m} m");
+    let worst_m = |part: &[Seen]| part.iter().filter_map(off_m).fold(0.0, f64::max);
+    let (then_m, now_m) = (worst_m(before), worst_m(after));
+    println!("{what}: off by at most {:.1} mm before, {:.1} mm after", then_m * 1e3, now_m * 1e3);
+    assert!(after.iter().any(|s| s.position_m.is_some()) && now_m < ANOTHER_PLACE_M, "{what}");
+    now_m
 }
 
 /// A sensor that cannot be opened is an error at once, and leaves nothing behind.

@@ -1,8 +1,8 @@
 //! Exit codes: which kind of mistake each error of the library is.
 
-use super::interrupt;
 use kinlight::calibrate::CalibrateError;
 use kinlight::replay::ReplayError;
+use kinlight::stop::signals;
 use kinlight::study::StudyError;
 use kinlight::synth::SynthError;
 
@@ -54,7 +54,7 @@ impl CliError {
             CliError::Object(_) => 4,
             CliError::Output(_) => 5,
             CliError::Device(_) => 6,
-            CliError::Interrupted { .. } => interrupt::exit_code(),
+            CliError::Interrupted { .. } => signals::exit_code(),
         }
     }
 

@@ -4,7 +4,7 @@
 //! program at once. Commands that do not ask for this are ended by the first, as programs are by default.
 
 use super::CliError;
-use kinlight::stop::Stop;
+use kinlight::stop::{Stop, signals};
 
 /// What an interrupt ends, from now on.
 pub fn stop_on_interrupt() -> Result<Stop, CliError> {
@@ -16,129 +16,9 @@ pub fn stop_on_interrupt() -> Result<Stop, CliError> {
 
 /// Runs `end` at the first interrupt, on a thread of its own. To be called once a process.
 pub fn on_interrupt(end: impl FnOnce() + Send + 'static) -> Result<(), CliError> {
-    platform::catch(move || {
+    signals::catch(move || {
         log::info!("ending: what belongs to the end is written now (again: stop at once)");
         end();
     })
     .map_err(|error| CliError::Run(format!("Ctrl-C cannot be caught: {error}")))
-}
-
-pub use platform::{die, exit_code, limits_are_errors};
-
-#[cfg(unix)]
-mod platform {
-    //! The signals themselves. A general library for this tells neither which signal it was nor leaves those
-    //! alone that were to be ignored (`nohup`, jobs in the background of scripts).
-
-    use std::ffi::{c_int, c_void};
-    use std::io::Read;
-    use std::os::fd::{AsRawFd, IntoRawFd};
-    use std::sync::atomic::{AtomicI32, Ordering::SeqCst};
-
-    type Handler = usize;
-    const DEFAULT: Handler = 0;
-    const IGNORE: Handler = 1;
-
-    const HANG_UP: c_int = 1;
-    const INTERRUPT: c_int = 2;
-    const TERMINATE: c_int = 15;
-    /// A file grew beyond the limit of the process.
-    const FILE_SIZE: c_int = 25;
-
-    // Of the C library that the standard library is linked to.
-    unsafe extern "C" {
-        fn signal(number: c_int, handler: Handler) -> Handler;
-        fn raise(number: c_int) -> c_int;
-        fn write(file: c_int, bytes: *const c_void, count: usize) -> isize;
-    }
-
-    /// The first signal that came, and where a byte wakes who waits for it.
-    static FIRST: AtomicI32 = AtomicI32::new(0);
-    static WAKE: AtomicI32 = AtomicI32::new(-1);
-
-    pub fn catch(end: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
-        let (mut wait, wake) = std::io::pipe()?;
-        let ignored = ignored();
-        WAKE.store(wake.as_raw_fd(), SeqCst);
-        std::thread::Builder::new().name("interrupt".into()).spawn(move || {
-            if wait.read_exact(&mut [0]).is_ok() {
-                end();
-            }
-        })?;
-        let _open_for_good = wake.into_raw_fd();
-        for number in [HANG_UP, INTERRUPT, TERMINATE] {
-            if ignored & (1 << (number - 1)) == 0 {
-                // SAFETY: `note` calls only what may be called in a handler.
-                unsafe { signal(number, note as *const () as Handler) };
-            }
-        }
-        Ok(())
-    }
-
-    extern "C" fn note(number: c_int) {
-        if FIRST.compare_exchange(0, number, SeqCst, SeqCst).is_err() {
-            // SAFETY: both may be called in a handler. The signal is blocked in its own: the program ends
-            // when this returns.
-            unsafe {
-                signal(number, DEFAULT);
-                raise(number);
-            }
-            return;
-        }
-        // SAFETY: may be called in a handler; the pipe stays open, and the byte is a constant.
-        unsafe { write(WAKE.load(SeqCst), b"!".as_ptr().cast(), 1) };
-    }
-
-    /// A bit for each signal that this process was started to ignore.
-    fn ignored() -> u64 {
-        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-        let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-        mask.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok()).unwrap_or(0)
-    }
-
-    /// As a shell gives it for a program that a signal has ended.
-    pub fn exit_code() -> u8 {
-        128 + match FIRST.load(SeqCst) {
-            0 => INTERRUPT as u8,
-            number => number as u8,
-        }
-    }
-
-    /// Ends the program by the signal that interrupted it: a shell then ends the script, too, which it would
-    /// not for an exit code. Returns where the signal has no effect, as for the first process of a container.
-    pub fn die() {
-        let number = FIRST.load(SeqCst);
-        if number != 0 {
-            // SAFETY: everything is written, and nothing of this process is needed any more.
-            unsafe {
-                signal(number, DEFAULT);
-                raise(number);
-            }
-        }
-    }
-
-    /// A limit of file sizes is an error of the write that meets it, not the program's end.
-    pub fn limits_are_errors() {
-        // SAFETY: no handler of ours is replaced.
-        unsafe { signal(FILE_SIZE, IGNORE) };
-    }
-}
-
-#[cfg(not(unix))]
-mod platform {
-    pub fn catch(end: impl FnOnce() + Send + 'static) -> Result<(), ctrlc::Error> {
-        let mut end = Some(end);
-        ctrlc::set_handler(move || match end.take() {
-            Some(end) => end(),
-            None => std::process::exit(exit_code().into()),
-        })
-    }
-
-    pub fn exit_code() -> u8 {
-        130
-    }
-
-    pub fn die() {}
-
-    pub fn limits_are_errors() {}
 }

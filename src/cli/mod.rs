@@ -27,12 +27,13 @@ mod tradeoff;
 use args::{Cli, Command, Study};
 use clap::Parser;
 use error::CliError;
+use kinlight::stop::signals;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 
 pub fn main() -> ExitCode {
-    interrupt::limits_are_errors();
+    signals::limits_are_errors();
     let cli = Cli::parse();
     setup::start_logging(cli.verbose);
     let talk = Talk { json: cli.json, quiet: cli.quiet };
@@ -69,7 +70,7 @@ pub fn main() -> ExitCode {
     // Where nobody can be told, the exit code is left.
     let _ = writeln!(std::io::stderr(), "kinlight: {error}");
     if matches!(error, CliError::Interrupted { .. }) {
-        interrupt::die();
+        signals::die();
     }
     ExitCode::from(error.exit_code())
 }

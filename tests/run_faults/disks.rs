@@ -65,12 +65,13 @@ fn on_a_full_disk_what_was_written_is_whole() {
 #[test]
 fn a_file_that_grows_too_large_is_an_error_and_not_the_end() {
     let (large, small) = (Made::new(&small_demo(12)), Made::new(&long(400)));
-    for (command, made, kib, extra, named) in [
-        ("replay", &small, 8, &["--without", "frames"][..], "light.jsonl"),
+    let cases: [(&str, &Made, u32, &[&str], &str); 4] = [
+        ("replay", &small, 8, &["--without", "frames"], "light.jsonl"),
         ("replay", &large, 64, &[], "mesh.ply"),
-        ("record", &small, 8, &["--every-frame"], ".txt"),
+        ("record", &small, 32, &["--every-frame"], ".txt"),
         ("synth", &small, 8, &[], ".png"),
-    ] {
+    ];
+    for (command, made, kib, extra, named) in cases {
         let out = made.at(&format!("{command}-{kib}"));
         let mut process = Command::new("bash");
         process.args(["-c", "ulimit -f \"$0\"; exec \"$@\"", &kib.to_string()]);

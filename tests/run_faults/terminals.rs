@@ -27,7 +27,7 @@ fn a_reader_that_goes_is_no_mistake_and_a_full_disk_is() {
     let synth =
         ["synth", "--scene", "sphere", "--frames", "1", "--size", "32,24", "--samples", "1"];
     let synth = [&synth[..], &["--out", text(&other)]].concat();
-    for args in [&replay[..], &["info", text(&sequence)], &synth] {
+    for args in [&replay[..], &["info", text(&sequence)], &synth[..]] {
         for json in [&[][..], &["--json"]] {
             let run = |stdout: Stdio| {
                 let _ = std::fs::remove_dir_all(&other);

@@ -13,6 +13,8 @@ use std::process::Command;
 fn meanwhile(run: &mut Running, log: &Path, change: impl FnOnce(usize)) {
     run.until("some frames", || lines(log) > 3);
     run.signal("-STOP");
+    let state = format!("/proc/{}/stat", run.id());
+    run.until("it stands still", || fs::read_to_string(&state).unwrap().contains(") T "));
     change(lines(log));
     run.signal("-CONT");
 }

@@ -1,7 +1,7 @@
 //! A virtual sensor in real time, the program before it, and what came of its frames.
 
 use crate::common::process::{self, Running, lines};
-use crate::common::recording::small_demo;
+use crate::common::recording::{Recording, small_demo};
 use crate::common::text;
 use crate::common::virtual_sensor::{Played, equip, installed, with_sensor};
 use kinlight::capture::{CaptureOptions, FrameSource, open_sequence};
@@ -15,10 +15,29 @@ pub const FRAMES: usize = 45;
 
 pub const PERIOD_MS: f64 = 1000.0 / 30.0;
 
-/// Frames of the demo at 160x120.
+/// The demo at 160x120.
+fn demo() -> &'static Recording {
+    static DEMO: OnceLock<Recording> = OnceLock::new();
+    DEMO.get_or_init(|| small_demo(FRAMES))
+}
+
+/// As the sensor has it.
 pub fn played() -> &'static Played {
     static PLAYED: OnceLock<Played> = OnceLock::new();
-    PLAYED.get_or_init(|| Played::of(&small_demo(FRAMES)))
+    PLAYED.get_or_init(|| Played::of(demo()))
+}
+
+/// Where the camera is at a frame in the axes of the camera at another, metres.
+pub fn true_position_m(first: usize, frame: usize) -> [f64; 3] {
+    let pose = |k: usize| demo().frames[k].world_from_camera.expect("the demo has poses");
+    pose(first).inv_mul(&pose(frame)).translation.vector.into()
+}
+
+/// Horizontal and vertical, radians.
+fn field_of_view() -> [f32; 2] {
+    let camera = demo().camera;
+    let angle = |size: usize, focal: f32| 2.0 * (size as f32 / 2.0 / focal).atan();
+    [angle(camera.width, camera.fx), angle(camera.height, camera.fy)]
 }
 
 /// What the sensor's log says. Microseconds since 1970.
@@ -66,7 +85,8 @@ impl Rig {
         let installed = installed()?;
         let folder = tempfile::tempdir().unwrap();
         equip(folder.path(), installed);
-        let script = format!("fov 1.0 0.8\nregistration yes\nlog yes\n{script}\n");
+        let [h, v] = field_of_view();
+        let script = format!("fov {h} {v}\nregistration yes\nlog yes\n{script}\n");
         played().write(folder.path(), &script);
         Some(Self { folder, does })
     }

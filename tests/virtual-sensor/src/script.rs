@@ -32,7 +32,7 @@ pub enum Fault {
     Busy,
     /// Before this frame; back after so many milliseconds. Once.
     Unplug(usize, Option<u64>),
-    /// No frame from this one on.
+    /// No frame from this one on, until the device is opened again. Once.
     Stall(usize),
     /// This depth frame has half of its bytes.
     Half(usize),
@@ -180,9 +180,7 @@ impl Script {
         jumps.sum()
     }
 
-    /// Whether nothing comes any more.
-    pub fn silent(&self, frame: usize) -> bool {
-        frame >= self.frame_count()
-            || self.faults.iter().any(|f| matches!(f, Fault::Stall(k) if frame >= *k))
+    pub fn stalls(&self, frame: usize) -> bool {
+        self.faults.iter().any(|f| matches!(f, Fault::Stall(k) if frame >= *k))
     }
 }

@@ -1,5 +1,11 @@
 //! Ending a long job early.
 
+#[cfg(unix)]
+pub mod signals;
+#[cfg(not(unix))]
+#[path = "other_signals.rs"]
+pub mod signals;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
