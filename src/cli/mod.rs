@@ -83,7 +83,7 @@ fn print(text: impl std::fmt::Display) {
     if let Err(error) = writeln!(std::io::stdout(), "{text}")
         && error.kind() != ErrorKind::BrokenPipe
     {
-        UNTOLD.get_or_init(|| error);
+        let _ = UNTOLD.set(error); // the first one counts
     }
 }
 

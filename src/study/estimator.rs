@@ -227,7 +227,7 @@ mod tests {
             samples: 1,
             ..LightPlan::default()
         };
-        let study = run(&plan, "test", &store, &|_, _| {}).unwrap();
+        let study = run(&plan, "test", &store, &Stop::default(), &|_, _| {}).unwrap();
         assert_eq!(study.runs.len(), 2 * STEPS.len());
         let last = study.runs.iter().filter(|run| run.step == STEPS[7].0);
         assert!(last.clone().count() == 2 && last.clone().all(|run| run.angle_deg.is_some()));

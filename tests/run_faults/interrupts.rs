@@ -138,7 +138,7 @@ fn the_second_interrupt_ends_at_once() {
     let out = made.at("out");
     let mut command = Command::new(PROGRAM);
     // Some minutes a frame.
-    command.args(["synth", "--scene", "room", "--samples", "4096", "--out", text(&out)]);
+    command.args(["synth", text(&out), "--scene", "room", "--samples", "4096"]);
     let mut run = made.run(command, "synth");
     run.until("the lists", || out.join("scene.toml").exists());
     run.signal("-INT");

@@ -64,10 +64,9 @@ impl Made {
             "convert" => vec!["convert", text(&sequence), text(out)],
             "synth" => vec![
                 "synth",
+                text(out),
                 "--scene",
                 "sphere",
-                "--out",
-                text(out),
                 "--frames",
                 "400",
                 "--size",

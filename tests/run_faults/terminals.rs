@@ -26,7 +26,7 @@ fn a_reader_that_goes_is_no_mistake_and_a_full_disk_is() {
     let other = made.at("synth");
     let synth =
         ["synth", "--scene", "sphere", "--frames", "1", "--size", "32,24", "--samples", "1"];
-    let synth = [&synth[..], &["--out", text(&other)]].concat();
+    let synth = [&synth[..], &[text(&other)]].concat();
     for args in [&replay[..], &["info", text(&sequence)], &synth[..]] {
         for json in [&[][..], &["--json"]] {
             let run = |stdout: Stdio| {
