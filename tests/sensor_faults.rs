@@ -13,7 +13,7 @@ mod rig;
 mod table;
 
 use common::process::{Ended, on_this_machine};
-use rig::{Does, Event, FRAMES, PERIOD_MS, Rig, Seen, true_position_m};
+use rig::{Does, Event, PERIOD_MS, Rig, Seen, true_position_m};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -190,7 +190,9 @@ fn survives(does: Does, fault: &Fault) -> Option<Row> {
         let written = rig.written();
         run.until("frames after the fault", || rig.written() >= written + 4);
     } else {
-        run.until("the last frame", || rig.happened("frame", FRAMES - 5));
+        run.until("the faults", || rig.happened("frame", FAULT + 7));
+        let written = rig.written();
+        run.until("frames after them", || rig.written() >= written + 3);
     }
     run.signal("-INT");
     let ended = run.end();

@@ -69,7 +69,7 @@ fn a_file_that_grows_too_large_is_an_error_and_not_the_end() {
         ("replay", &small, 8, &["--without", "frames"], "light.jsonl"),
         ("replay", &large, 64, &[], "mesh.ply"),
         ("record", &small, 32, &["--every-frame"], ".txt"),
-        ("synth", &small, 8, &[], ".png"),
+        ("synth", &small, 8, &[], "object.glb"),
     ];
     for (command, made, kib, extra, named) in cases {
         let out = made.at(&format!("{command}-{kib}"));

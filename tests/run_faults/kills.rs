@@ -1,5 +1,6 @@
 //! Runs that are killed.
 
+use crate::common::process::lines;
 use crate::common::recording::small_demo;
 use crate::common::text;
 use crate::made::{Made, QUICK, log_of, long};
@@ -15,8 +16,9 @@ fn wherever_a_run_is_killed_what_has_a_name_is_whole() {
         for round in 0..4 {
             let out = made.at(&format!("{command}-{round}"));
             let mut run = made.start(command, &out);
-            // From the first files on: before that there is nothing to see.
-            run.until("a folder", || out.exists());
+            // From the first files on (before that there is nothing to see), or from the first frame on.
+            let log = log_of(command, &out);
+            run.until("files", || if round < 2 { out.exists() } else { lines(&log) > 1 });
             std::thread::sleep(Duration::from_millis(u64::from(rng.next_u32() % 600)));
             run.signal("-KILL");
             run.end();

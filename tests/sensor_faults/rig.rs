@@ -11,9 +11,11 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// The sensor plays so many frames, and then stalls; opened again, it plays them from the first.
-pub const FRAMES: usize = 45;
+pub const FRAMES: usize = 60;
 
-pub const PERIOD_MS: f64 = 1000.0 / 30.0;
+/// Half of the usual rate, so that busy machines keep up.
+const FPS: u32 = 15;
+pub const PERIOD_MS: f64 = 1000.0 / FPS as f64;
 
 /// The demo at 160x120.
 fn demo() -> &'static Recording {
@@ -86,7 +88,7 @@ impl Rig {
         let folder = tempfile::tempdir().unwrap();
         equip(folder.path(), installed);
         let [h, v] = field_of_view();
-        let script = format!("fov {h} {v}\nregistration yes\nlog yes\n{script}\n");
+        let script = format!("fov {h} {v}\nfps {FPS}\nregistration yes\nlog yes\n{script}\n");
         played().write(folder.path(), &script);
         Some(Self { folder, does })
     }
