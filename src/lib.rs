@@ -35,6 +35,7 @@ pub mod output;
 pub mod pipeline;
 
 pub mod replay;
+pub mod stop;
 
 #[cfg(feature = "gpu")]
 pub mod parity;

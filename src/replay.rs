@@ -8,6 +8,7 @@ use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
 use crate::math::{Distribution, Pose};
 use crate::output::{OutputError, RunWriter};
 use crate::pipeline::{Backend, BackendRecord, FrameOutcome, PipelineError};
+use crate::stop::{Stop, Stopped};
 use crate::timing::{Stage, StageTimes};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -20,16 +21,24 @@ pub enum ReplayError {
     Pipeline(#[from] PipelineError),
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// Of a camera that is running.
+    #[error("{0}")]
+    Camera(CaptureError),
     #[error("no frame could be read; the first was skipped because {0}")]
     NoFrames(String),
     #[error("the camera gave no frame")]
     NoLiveFrames,
+    #[error("{0} before the first frame")]
+    Stopped(Stopped),
 }
 
 /// What a run amounts to. Lengths in metres, angles in degrees.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ReplaySummary {
     pub frames: usize,
+    /// The run was asked to stop before the recording's end.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub interrupted: bool,
     pub skipped: Vec<SkippedFrame>,
     /// What became of a camera's frames; not for recordings.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -75,9 +84,9 @@ struct Tally {
 }
 
 /// Runs every frame of `source`; `writer` gets each result, `on_frame` may look at it. A `governor`
-/// changes the settings between frames to keep its budget.
+/// changes the settings between frames to keep its budget. Once `stop` is asked, the frame in work is the last.
 ///
-/// Where an error ends the run early, the mesh, the summary and what else is written at the end are
+/// Where an error or `stop` ends the run early, the mesh, the summary and what else is written at the end are
 /// written for the frames until then.
 pub fn replay(
     source: &mut dyn FrameSource,
@@ -85,22 +94,26 @@ pub fn replay(
     writer: &mut RunWriter,
     governor: Option<&mut Governor>,
     truth: Option<&LightTruth>,
+    stop: &Stop,
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<ReplaySummary, ReplayError> {
     let mut tally = Tally { comparable: source.len().is_some(), ..Tally::default() };
-    let ended = every_frame(source, pipeline, writer, governor, &mut |outcome| {
+    let ended = every_frame(source, pipeline, writer, governor, stop, &mut |outcome| {
         tally.add(outcome, truth);
         on_frame(outcome);
     });
     if tally.frames == 0 {
-        ended?;
+        if ended? == Ended::Early {
+            return Err(ReplayError::Stopped(Stopped));
+        }
         if source.live().is_some() {
             return Err(ReplayError::NoLiveFrames);
         }
         let reason = source.skipped().first().map_or("it is empty", |s| &s.reason);
         return Err(ReplayError::NoFrames(reason.to_owned()));
     }
-    let summary = tally.summary(source, pipeline.record());
+    let interrupted = matches!(ended, Ok(Ended::Early));
+    let summary = tally.summary(source, pipeline.record(), interrupted);
     let finished = writer.finish(pipeline, &summary);
     // What ended the run comes before what may follow from it: a full disk takes no mesh either.
     ended?;
@@ -109,15 +122,24 @@ pub fn replay(
     Ok(summary)
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    /// With the source.
+    Whole,
+    /// It was asked to stop.
+    Early,
+}
+
 fn every_frame(
     source: &mut dyn FrameSource,
     pipeline: &mut dyn Backend,
     writer: &mut RunWriter,
     mut governor: Option<&mut Governor>,
+    stop: &Stop,
     on_frame: &mut dyn FnMut(&FrameOutcome),
-) -> Result<(), ReplayError> {
-    loop {
-        let Some((raw, times)) = next_frame(source)? else { return Ok(()) };
+) -> Result<Ended, ReplayError> {
+    while !stop.is_asked() {
+        let Some((raw, times)) = next_frame(source)? else { return Ok(Ended::Whole) };
         let age = source.arrival().map(|arrival| arrival.age);
         let outcome = pipeline.process(raw, times)?;
         writer.frame(pipeline, &outcome, age)?;
@@ -128,14 +150,18 @@ fn every_frame(
             writer.set_setting(setting);
         }
     }
+    Ok(Ended::Early)
 }
 
 /// With the time of reading it, but not that of waiting for a camera.
-fn next_frame(
-    source: &mut dyn FrameSource,
-) -> Result<Option<(RawFrame, StageTimes)>, CaptureError> {
+fn next_frame(source: &mut dyn FrameSource) -> Result<Option<(RawFrame, StageTimes)>, ReplayError> {
     let start = Instant::now();
-    let Some(raw) = source.next_frame()? else { return Ok(None) };
+    let raw = match source.next_frame() {
+        Ok(Some(raw)) => raw,
+        Ok(None) => return Ok(None),
+        Err(error) if source.live().is_some() => return Err(ReplayError::Camera(error)),
+        Err(error) => return Err(error.into()),
+    };
     let waited = source.arrival().map_or(Duration::ZERO, |arrival| arrival.waited);
     let mut times = StageTimes::default();
     times.add(Stage::Input, start.elapsed().saturating_sub(waited));
@@ -166,7 +192,12 @@ impl Tally {
         }
     }
 
-    fn summary(self, source: &dyn FrameSource, backend: BackendRecord) -> ReplaySummary {
+    fn summary(
+        self,
+        source: &dyn FrameSource,
+        backend: BackendRecord,
+        interrupted: bool,
+    ) -> ReplaySummary {
         let (estimated, recorded) = (&self.estimated, &self.recorded);
         // Too few poses for an error are no error.
         let absolute = trajectory::absolute_error(estimated, recorded, MATCH_TOLERANCE_S).ok();
@@ -174,6 +205,7 @@ impl Tally {
         let light_error = self.light_errors();
         ReplaySummary {
             frames: self.frames,
+            interrupted,
             skipped: source.skipped().to_vec(),
             live: source.live(),
             tracked_share: self.fused as f64 / self.frames as f64,
@@ -203,8 +235,9 @@ impl std::fmt::Display for ReplaySummary {
             self.states.iter().map(|(state, n)| format!("{state} {n}")).collect();
         writeln!(
             f,
-            "{} frames, {:.1} % tracked ({}), {} skipped",
+            "{} frames{}, {:.1} % tracked ({}), {} skipped",
             self.frames,
+            if self.interrupted { " until it was interrupted" } else { "" },
             100.0 * self.tracked_share,
             states.join(", "),
             self.skipped.len()

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::recording::{Recording, small_demo};
+use common::recording::{Recording, looped, small_demo};
 use common::{kinlight, kinlight_json, text};
 use kinlight::capture::writer::{ColorFormat, DepthFormat, FrameRef, TumOptions, TumWriter};
 use kinlight::capture::{CaptureOptions, FrameSource, RawFrame, open_sequence};
@@ -32,19 +32,6 @@ impl Made {
     fn at(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
-}
-
-/// Small pictures, over and over, at 30 frames a second.
-fn long(frames: usize, size: Size) -> Recording {
-    let mut recording = small_demo(4).cropped(size);
-    let some = recording.frames.clone();
-    let again = |i: usize| RawFrame {
-        index: i,
-        timestamp_s: 500.0 + (i as f64 / 30.0 * 1e6).round() / 1e6,
-        ..some[i % some.len()].clone()
-    };
-    recording.frames = (0..frames).map(again).collect();
-    recording
 }
 
 fn frames_of(folder: &Path) -> Vec<RawFrame> {
@@ -208,37 +195,16 @@ fn mistakes_have_their_exit_codes_and_name_what_is_wrong() {
 #[cfg(unix)]
 mod ended_from_outside {
     use super::*;
-    use std::process::{Child, Command, Stdio};
+    use crate::common::process::{self, Running, lines};
+    use std::process::Command;
     use std::time::{Duration, Instant};
 
     const SMALL: Size = Size::new(80, 60);
 
-    fn start(args: &[&str]) -> Child {
-        Command::new(env!("CARGO_BIN_EXE_kinlight"))
-            .args(args)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the program starts")
-    }
-
-    fn signal(child: &Child, name: &str) {
-        let sent = Command::new("kill").args([name, &child.id().to_string()]).status();
-        assert!(sent.expect("there is a kill program").success());
-    }
-
-    /// Of a list, without its header.
-    fn lines(path: &Path) -> usize {
-        let text = std::fs::read_to_string(path).unwrap_or_default();
-        text.lines().filter(|line| !line.starts_with('#')).count()
-    }
-
-    fn until_lines(path: &Path, count: usize) {
-        let deadline = Instant::now() + Duration::from_secs(120);
-        while lines(path) < count {
-            assert!(Instant::now() < deadline, "{count} lines in {}", path.display());
-            std::thread::sleep(Duration::from_millis(5));
-        }
+    fn start(made: &Made, args: &[&str]) -> Running {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kinlight"));
+        command.args(args);
+        process::start(command, made.folder.path(), "run")
     }
 
     /// Every line of a list, with the pictures that it names.
@@ -274,17 +240,17 @@ mod ended_from_outside {
 
     #[test]
     fn a_killed_recording_holds_all_but_the_last_second() {
-        let made = Made::new(&long(400, SMALL));
+        let made = Made::new(&looped(400, SMALL));
         let (device, out) = (made.device(), made.at("out"));
-        let mut child = start(&["record", "--device", &device, "--out", text(&out)]);
+        let mut run = start(&made, &["record", "--device", &device, "--out", text(&out)]);
         let list = out.join("associations.txt");
-        until_lines(&list, 1);
+        run.until("the first frame", || lines(&list) > 0);
         let first_written = Instant::now();
         std::thread::sleep(Duration::from_millis(2500));
         let before_kill = first_written.elapsed().as_secs_f64();
         let listed_before = lines(&list);
-        signal(&child, "-KILL");
-        child.wait().unwrap();
+        run.signal("-KILL");
+        run.end();
 
         let played = frames_of(&made.sequence());
         let read = assert_whole(&out, &played);
@@ -303,16 +269,16 @@ mod ended_from_outside {
     /// was played, without a gap.
     #[test]
     fn a_killed_recording_is_whole_up_to_its_last_frame() {
-        let made = Made::new(&long(2000, SMALL));
+        let made = Made::new(&looped(2000, SMALL));
         let played = frames_of(&made.sequence());
         for kill_at in [1, 7, 60, 150] {
             let (device, out) = (made.device(), made.at(&format!("out{kill_at}")));
-            let mut child =
-                start(&["record", "--device", &device, "--every-frame", "--out", text(&out)]);
+            let record = ["record", "--device", &device, "--every-frame", "--out", text(&out)];
+            let mut run = start(&made, &record);
             let list = out.join("associations.txt");
-            until_lines(&list, kill_at);
-            signal(&child, "-KILL");
-            child.wait().unwrap();
+            run.until("these frames", || lines(&list) >= kill_at);
+            run.signal("-KILL");
+            run.end();
             let read = assert_whole(&out, &played);
             assert!(read.len() >= kill_at, "{} of {kill_at}", read.len());
             assert!(read.len() < played.len(), "it had come to its end");
@@ -324,18 +290,16 @@ mod ended_from_outside {
 
     #[test]
     fn an_interrupt_ends_a_stream_within_two_seconds_with_all_its_files() {
-        let made = Made::new(&long(900, SMALL));
+        let made = Made::new(&looped(900, SMALL));
         for name in ["-INT", "-TERM"] {
             let (device, out) = (made.device(), made.at(name));
             let stream = ["stream", "--device", &device, "--out", text(&out)];
             let compute = ["--preset", "ours-fast", "--no-object", "--backend", "cpu"];
-            let mut child = start(&[&stream[..], &compute].concat());
-            until_lines(&out.join("light.jsonl"), 3);
-            signal(&child, name);
-            let start = Instant::now();
-            let status = child.wait().unwrap();
-            let took = start.elapsed();
-            assert!(status.success(), "{status}");
+            let mut run = start(&made, &[&stream[..], &compute].concat());
+            run.until("three frames", || lines(&out.join("light.jsonl")) >= 3);
+            run.signal(name);
+            let ended = run.end();
+            let took = ended.succeeded().took;
             // The frame in work and what is computed at the end take a few frames' time.
             let timings = std::fs::read(out.join("timings.json")).unwrap();
             let timings: serde_json::Value = serde_json::from_slice(&timings).unwrap();
@@ -361,9 +325,9 @@ mod ended_from_outside {
     /// The limit stands for a disk that fills up: it cuts a line of a list, too.
     #[test]
     fn where_nothing_more_can_be_written_what_is_written_stays() {
-        let made = Made::new(&long(200, Size::new(8, 6)));
+        let made = Made::new(&looped(200, Size::new(8, 6)));
         let (device, out) = (made.device(), made.at("out"));
-        let limited = "trap '' XFSZ; ulimit -f 4; exec \"$@\"";
+        let limited = "ulimit -f 4; exec \"$@\"";
         let output = Command::new("bash")
             .args(["-c", limited, "bash", env!("CARGO_BIN_EXE_kinlight")])
             .args(["record", "--device", &device, "--every-frame", "--out", text(&out)])

@@ -3,13 +3,12 @@
 
 mod common;
 
+use common::recording::small_demo;
 use common::text;
 use common::virtual_sensor::{Played, installed, scenario, with_sensor};
 use kinlight::capture::live::{DeviceError, LiveDevice, LiveDriver};
 use kinlight::capture::openni::{OniFiles, OniOptions, OniSource, OpenniDriver, OpenniOptions};
-use kinlight::capture::{
-    Calibration, CaptureOptions, FrameSource, RawFrame, Registration, open_sequence,
-};
+use kinlight::capture::{Calibration, FrameSource, RawFrame, Registration};
 use kinlight::image::{Image, Size};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -242,25 +241,9 @@ fn exposure_is_held_where_the_device_can() {
     }
 }
 
-/// The first frames of the demo, every fourth pixel, as a sensor that measures in millimetres would give them.
+/// The first frames of the demo, every fourth pixel.
 fn demo() -> Played {
-    let options = CaptureOptions { end_frame: Some(6), ..CaptureOptions::default() };
-    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("sequences/demo");
-    let mut sequence = open_sequence(&demo, &options).unwrap();
-    let (step, camera) = (4, sequence.camera());
-    let size = [camera.width / step, camera.height / step];
-    let mut frames = Vec::new();
-    while let Some(frame) = sequence.next_frame().unwrap() {
-        let mut played = (Vec::new(), Vec::new());
-        for y in (0..camera.height).step_by(step) {
-            for x in (0..camera.width).step_by(step) {
-                played.0.push((frame.depth_m[(x, y)] * 1000.0).round() as u16);
-                played.1.push(frame.color[(x, y)]);
-            }
-        }
-        frames.push(played);
-    }
-    Played { depth_size: size, color_size: size, frames }
+    Played::of(&small_demo(6))
 }
 
 #[test]

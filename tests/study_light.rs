@@ -3,6 +3,7 @@
 mod common;
 
 use common::{kinlight, text};
+use kinlight::stop::Stop;
 use kinlight::study::light::{self, LOG_FILE, LightPlan, LightStudy, REFERENCE, REFERENCE_ALONE};
 use kinlight::study::{SequenceStore, StudyError};
 use std::cell::RefCell;
@@ -30,13 +31,14 @@ fn tiny() -> LightPlan {
 fn run(plan: &LightPlan, folder: &Path, out: &str) -> (LightStudy, Vec<String>) {
     let store = SequenceStore::new(folder.join("sequences"));
     let doing: RefCell<Vec<String>> = RefCell::default();
-    let study = light::run(plan, "the test", &store, &folder.join(out), &|progress| {
-        assert!((0.0..=1.0).contains(&progress.share) && progress.left_s >= 0.0);
-        let mut doing = doing.borrow_mut();
-        if doing.last().is_none_or(|last| last != progress.doing) {
-            doing.push(progress.doing.to_owned());
-        }
-    });
+    let study =
+        light::run(plan, "the test", &store, &folder.join(out), &Stop::default(), &|progress| {
+            assert!((0.0..=1.0).contains(&progress.share) && progress.left_s >= 0.0);
+            let mut doing = doing.borrow_mut();
+            if doing.last().is_none_or(|last| last != progress.doing) {
+                doing.push(progress.doing.to_owned());
+            }
+        });
     (study.unwrap(), doing.into_inner())
 }
 
@@ -138,7 +140,9 @@ fn a_folder_that_cannot_be_written_is_named_before_any_work() {
     let file = folder.path().join("file");
     fs::write(&file, "in the way").unwrap();
     let store = SequenceStore::new(folder.path().join("sequences"));
-    let error = light::run(&tiny(), "", &store, &file.join("out"), &|_| panic!("no work"));
+    let error = light::run(&tiny(), "", &store, &file.join("out"), &Stop::default(), &|_| {
+        panic!("no work")
+    });
     let Err(StudyError::Output(error)) = error else { panic!("{error:?}") };
     assert!(error.to_string().contains("runs.jsonl"), "{error}");
 }

@@ -441,7 +441,7 @@ impl FrameSource for Sequence {
     }
 
     /// The next frame that can be read. Broken ones are noted in [`Self::skipped`]; that all frames
-    /// were broken is an error, once, at the end.
+    /// were broken is an error, once, at the end. So is a recording that is no longer there.
     fn next_frame(&mut self) -> Result<Option<RawFrame>, CaptureError> {
         while self.next < self.end {
             let index = self.next;
@@ -450,6 +450,11 @@ impl FrameSource for Sequence {
                 Ok(frame) => {
                     self.delivered += 1;
                     return Ok(Some(frame));
+                }
+                Err(_) if !self.info.folder.exists() => {
+                    self.next = self.end;
+                    let gone = format!("is no longer there; frames from {index} on cannot be read");
+                    return Err(CaptureError::file(&self.info.folder, gone));
                 }
                 Err(error) => {
                     log::warn!("skipped: {error}");

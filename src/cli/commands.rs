@@ -5,11 +5,12 @@ use super::args::{
 };
 use super::backend::Device;
 use super::run::{Done, Input, Pace, Run};
-use super::{CliError, Talk, objects, report, run, setup};
+use super::{CliError, Talk, interrupt, objects, report, run, setup};
 use kinlight::capture::{FrameSource, inspect};
 use kinlight::eval::light::LightTruth;
 use kinlight::output::{OutputPlan, stage_table};
 use kinlight::pipeline::FrameOutcome;
+use kinlight::synth::SynthError;
 use serde_json::json;
 use std::path::Path;
 
@@ -20,13 +21,14 @@ pub fn replay(args: &ReplayArgs, talk: Talk) -> Result<(), CliError> {
     let device = Device::choose(compute)?;
     let pace = Pace::choose(&args.preset, compute, &device)?;
     let (dump, warm_up) = (&args.dump, compute.warm_up);
-    let run = Run { pace, plan, dump, out: &compute.out, device: &device, warm_up };
+    let stop = interrupt::stop_on_interrupt()?;
+    let run = Run { pace, plan, dump, out: &compute.out, device: &device, warm_up, stop: &stop };
     let done = over_sequence(run, &args.run.source, talk)?;
     if !args.without.contains(&Output::Report) {
         report::write_page(&compute.out)?;
     }
     done.tell(&compute.out, talk);
-    Ok(())
+    done.whole(&compute.out)
 }
 
 pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
@@ -42,13 +44,20 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
     }
     let device = Device::choose(&args.run.compute)?;
     paces.extend(setup::governor(&args.run.compute, &device)?.map(Pace::Budget));
-    let mut done = Vec::new();
+    let stop = interrupt::stop_on_interrupt()?;
+    let (wanted, mut done) = (paces.len(), Vec::<Done>::new());
     for pace in paces {
+        if stop.is_asked() && !done.is_empty() {
+            break;
+        }
         let plan = OutputPlan { frames: args.frames_out, timings: true, ..OutputPlan::NOTHING };
         let out = args.run.compute.out.join(pace.name());
         let warm_up = args.run.compute.warm_up;
-        let run = Run { pace, plan, dump: &[], out: &out, device: &device, warm_up };
-        done.push(over_sequence(run, &args.run.source, talk)?);
+        let run = Run { pace, plan, dump: &[], out: &out, device: &device, warm_up, stop: &stop };
+        match over_sequence(run, &args.run.source, talk) {
+            Err(CliError::Interrupted { .. }) if !done.is_empty() => break,
+            result => done.push(result?),
+        }
     }
     if !args.without.contains(&CompareOutput::Report) {
         report::write_page(&args.run.compute.out)?;
@@ -70,6 +79,11 @@ pub fn compare(args: &CompareArgs, talk: Talk) -> Result<(), CliError> {
         result
     });
     talk.result(&json!({ "presets": results.collect::<Vec<_>>() }));
+    if stop.is_asked() {
+        let runs = done.iter().filter(|run| !run.summary.interrupted).count();
+        let problem = format!("interrupted after {runs} of {wanted} runs");
+        return Err(CliError::Interrupted { problem, has_result: true });
+    }
     Ok(())
 }
 
@@ -85,12 +99,19 @@ pub fn synth(args: &SynthArgs, talk: Talk) -> Result<(), CliError> {
     let options = args.options();
     let bar = talk.progress(options.frames);
     bar.set_prefix(options.scene.clone());
-    kinlight::synth::generate(&options, &args.out, &|done, total| {
+    let stop = interrupt::stop_on_interrupt()?;
+    let made = kinlight::synth::generate_until(&stop, &options, &args.out, &|done, total| {
         bar.set_length(total as u64);
         bar.set_position(done as u64);
-    })
-    .map_err(|e| CliError::Output(e.to_string()))?;
+    });
     bar.finish_and_clear();
+    made.map_err(|error| match error {
+        SynthError::Stopped(_) => CliError::Interrupted {
+            problem: format!("{error}: {} holds the frames until then", args.out.display()),
+            has_result: false,
+        },
+        other => CliError::Output(other.to_string()),
+    })?;
     talk.say(format_args!("{} written", args.out.display()));
     talk.result(&json!({ "out": args.out, "frames": options.frames }));
     Ok(())

@@ -2,7 +2,7 @@
 
 use super::args::{FrameRange, ReadingArgs, parse_frames};
 use super::record::{DepthArgs, encoders, unwritable};
-use super::{CliError, Talk, setup};
+use super::{CliError, Talk, interrupt, setup};
 use clap::{Args, ValueEnum};
 use kinlight::capture::writer::{ColorFormat, Recorder, TumOptions, TumWriter};
 use kinlight::capture::{FrameSource, Sequence};
@@ -51,7 +51,10 @@ pub fn run(args: &ConvertArgs, talk: Talk) -> Result<(), CliError> {
     let mut recorder = Recorder::new(writer, encoders()).map_err(unwritable)?;
     let bar = talk.progress(source.len().unwrap_or(0));
     let mut poses = 0;
-    while let Some(frame) = source.next_frame().map_err(|e| CliError::Sequence(e.to_string()))? {
+    let stop = interrupt::stop_on_interrupt()?;
+    while !stop.is_asked() {
+        let read = source.next_frame().map_err(|e| CliError::Sequence(e.to_string()))?;
+        let Some(frame) = read else { break };
         poses += usize::from(frame.world_from_camera.is_some());
         recorder.push(frame).map_err(unwritable)?;
         bar.inc(1);
@@ -73,6 +76,10 @@ pub fn run(args: &ConvertArgs, talk: Talk) -> Result<(), CliError> {
         "skipped": skipped,
         "depth_loss": loss,
     }));
+    if stop.is_asked() {
+        let problem = format!("interrupted: {out} holds the {frames} frames until then");
+        return Err(CliError::Interrupted { problem, has_result: true });
+    }
     Ok(())
 }
 

@@ -2,6 +2,7 @@
 
 use kinlight::calibrate::CalibrateError;
 use kinlight::replay::ReplayError;
+use kinlight::stop::signals;
 use kinlight::study::StudyError;
 use kinlight::synth::SynthError;
 
@@ -15,7 +16,8 @@ use kinlight::synth::SynthError;
 /// | 3 | `Sequence` | what is read of a recording: frames, poses, truth |
 /// | 4 | `Object` | models and scene files |
 /// | 5 | `Output` | everything that is written, made sequences and notes of finished runs included |
-/// | 6 | `Device` | cameras that cannot be opened or give nothing |
+/// | 6 | `Device` | cameras that cannot be opened, give nothing, or stay away |
+/// | 128 + n | `Interrupted` | ended by signal n (Ctrl-C: 130) before the job was done; results until then are written |
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
     #[error("{0}")]
@@ -28,6 +30,12 @@ pub enum CliError {
     Output(String),
     #[error("{0}")]
     Device(String),
+    #[error("{problem}")]
+    Interrupted {
+        problem: String,
+        /// What was done until then is printed as the result.
+        has_result: bool,
+    },
     #[error("{0}")]
     Run(String),
     #[cfg(feature = "gpu")]
@@ -46,12 +54,18 @@ impl CliError {
             CliError::Object(_) => 4,
             CliError::Output(_) => 5,
             CliError::Device(_) => 6,
+            CliError::Interrupted { .. } => signals::exit_code(),
         }
     }
 
     /// Whether the command has printed its result all the same.
     pub fn has_result(&self) -> bool {
-        self.kind() == "differ"
+        match self {
+            #[cfg(feature = "gpu")]
+            CliError::Differ(_) => true,
+            CliError::Interrupted { has_result, .. } => *has_result,
+            _ => false,
+        }
     }
 
     pub fn kind(&self) -> &'static str {
@@ -64,6 +78,7 @@ impl CliError {
             CliError::Object(_) => "object",
             CliError::Output(_) => "output",
             CliError::Device(_) => "device",
+            CliError::Interrupted { .. } => "interrupted",
         }
     }
 }
@@ -75,6 +90,9 @@ impl From<StudyError> for CliError {
             StudyError::Options(_)
             | StudyError::Settings(_)
             | StudyError::Synth(SynthError::Options(_)) => Self::Usage(text),
+            StudyError::Stopped(_) | StudyError::Synth(SynthError::Stopped(_)) => {
+                Self::Interrupted { problem: text, has_result: false }
+            }
             StudyError::Capture(_) | StudyError::Eval(_) | StudyError::File { .. } => {
                 Self::Sequence(text)
             }
@@ -102,7 +120,8 @@ impl From<ReplayError> for CliError {
         let text = error.to_string();
         match error {
             ReplayError::Capture(_) | ReplayError::NoFrames(_) => Self::Sequence(text),
-            ReplayError::NoLiveFrames => Self::Device(text),
+            ReplayError::Camera(_) | ReplayError::NoLiveFrames => Self::Device(text),
+            ReplayError::Stopped(_) => Self::Interrupted { problem: text, has_result: false },
             ReplayError::Output(_) => Self::Output(text),
             ReplayError::Pipeline(_) => Self::Run(text),
         }

@@ -1,14 +1,13 @@
 //! What the commands for cameras share: which device, for how long, and Ctrl-C.
 
-use super::CliError;
 use super::args::parse_size;
+use super::{CliError, interrupt};
 use clap::Args;
-use kinlight::capture::live::{Delivery, LiveOptions, LiveSource, Monitor, drivers};
+use kinlight::capture::live::{Delivery, LiveOptions, LiveSource, drivers};
 use kinlight::capture::openni::{OniFiles, OpenniOptions};
 use std::collections::VecDeque;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 #[derive(Debug, Args)]
@@ -147,22 +146,10 @@ impl DeviceArgs {
         for note in &info.notes {
             log::debug!("camera: {note}");
         }
-        end_on_interrupt(source.monitor())?;
+        let monitor = source.monitor();
+        interrupt::on_interrupt(move || monitor.stop())?;
         Ok(Camera { source, recording: named.recording })
     }
-}
-
-/// The first Ctrl-C (or termination) ends the run as its last frame would; the second ends the program.
-fn end_on_interrupt(monitor: Monitor) -> Result<(), CliError> {
-    let asked = AtomicBool::new(false);
-    ctrlc::set_handler(move || {
-        if asked.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        log::info!("ending: what belongs to the end is written now (again: stop at once)");
-        monitor.stop();
-    })
-    .map_err(|error| CliError::Run(format!("Ctrl-C cannot be caught: {error}")))
 }
 
 /// A number with ms, s, min or h behind it, up to a year.

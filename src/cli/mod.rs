@@ -7,6 +7,7 @@ mod commands;
 mod convert;
 mod doctor;
 mod error;
+mod interrupt;
 mod live;
 mod objects;
 #[cfg(feature = "gpu")]
@@ -25,9 +26,13 @@ mod tradeoff;
 use args::{Cli, Command, Study};
 use clap::Parser;
 use error::CliError;
+use kinlight::stop::signals;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 pub fn main() -> ExitCode {
+    signals::limits_are_errors();
     let cli = Cli::parse();
     setup::start_logging(cli.verbose);
     let talk = Talk { json: cli.json, quiet: cli.quiet };
@@ -50,18 +55,34 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "gpu")]
         Command::Parity(args) => parity::run(args, talk),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            if cli.json && !error.has_result() {
-                let message = serde_json::json!({
-                    "error": { "kind": error.kind(), "message": error.to_string() }
-                });
-                println!("{message}");
-            }
-            eprintln!("kinlight: {error}");
-            ExitCode::from(error.exit_code())
-        }
+    let result = result.and_then(|()| match UNTOLD.get() {
+        Some(error) => Err(CliError::Output(format!("standard output: cannot write: {error}"))),
+        None => Ok(()),
+    });
+    let Err(error) = result else { return ExitCode::SUCCESS };
+    if cli.json && !error.has_result() {
+        let message = serde_json::json!({
+            "error": { "kind": error.kind(), "message": error.to_string() }
+        });
+        print(message);
+    }
+    // Where nobody can be told, the exit code is left.
+    let _ = writeln!(std::io::stderr(), "kinlight: {error}");
+    if matches!(error, CliError::Interrupted { .. }) {
+        signals::die();
+    }
+    ExitCode::from(error.exit_code())
+}
+
+/// Why the first of the lines that standard output did not take was not taken.
+static UNTOLD: OnceLock<std::io::Error> = OnceLock::new();
+
+/// A line on standard output. A reader that has gone (`| head`) wants no more, and that is no mistake.
+fn print(text: impl std::fmt::Display) {
+    if let Err(error) = writeln!(std::io::stdout(), "{text}")
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        let _ = UNTOLD.set(error); // the first one counts
     }
 }
 
@@ -78,12 +99,12 @@ impl Talk {
         if self.json || self.quiet {
             return;
         }
-        println!("{text}");
+        print(text);
     }
 
     fn result(self, value: &serde_json::Value) {
         if self.json {
-            println!("{value}");
+            print(value);
         }
     }
 

@@ -12,6 +12,7 @@ use kinlight::pipeline::FrameOutcome;
 use kinlight::replay::{ReplaySummary, replay};
 use kinlight::report::RunRecord;
 use kinlight::scene::VirtualScene;
+use kinlight::stop::Stop;
 use serde_json::json;
 use std::path::Path;
 
@@ -66,6 +67,7 @@ pub struct Run<'a> {
     pub device: &'a Device,
     /// Frames left out of the timing statistics.
     pub warm_up: usize,
+    pub stop: &'a Stop,
 }
 
 /// What it is computed from.
@@ -113,6 +115,7 @@ impl Run<'_> {
             &mut writer,
             governor.as_mut(),
             input.truth,
+            self.stop,
             on_frame,
         )?;
         let on_cpu_because = self.device.on_cpu_because().map(str::to_owned);
@@ -143,5 +146,16 @@ impl Done {
         result["timings"] = json!(self.timings);
         result["budget"] = json!(self.budget);
         talk.result(&result);
+    }
+
+    /// # Errors
+    /// The run was interrupted; its result is told.
+    pub fn whole(&self, out: &Path) -> Result<(), CliError> {
+        if !self.summary.interrupted {
+            return Ok(());
+        }
+        let (frames, out) = (self.summary.frames, out.display());
+        let problem = format!("interrupted after {frames} frames, whose results are in {out}");
+        Err(CliError::Interrupted { problem, has_result: true })
     }
 }

@@ -9,6 +9,7 @@ use clap::Args;
 use kinlight::capture::live::Monitor;
 use kinlight::output::OutputPlan;
 use kinlight::pipeline::FrameOutcome;
+use kinlight::stop::Stop;
 use std::path::Path;
 
 /// Light virtual objects before a camera that is running, until Ctrl-C.
@@ -58,7 +59,9 @@ pub fn run(args: &StreamArgs, talk: Talk) -> Result<(), CliError> {
     let (bar, monitor, mut rate) = (talk.status(), camera.source.monitor(), Rate::default());
     bar.set_prefix(pace.name().to_owned());
     let (dump, warm_up) = (&args.dump, compute.warm_up);
-    let run = Run { pace, plan, dump, out: &compute.out, device: &device, warm_up };
+    // An interrupt ends the camera, and with it the run.
+    let stop = Stop::default();
+    let run = Run { pace, plan, dump, out: &compute.out, device: &device, warm_up, stop: &stop };
     let name = Path::new(&args.device.device);
     let done = run.go(
         Input { source: &mut camera.source, name, scene, truth: truth.as_ref() },

@@ -1,6 +1,7 @@
 //! `kinlight study composite`.
 
-use super::{CliError, Talk, args, setup};
+use super::study_light::to_be_continued;
+use super::{CliError, Talk, args, interrupt, setup};
 use clap::Args;
 use kinlight::study::composite::{
     CompositeOptions, MadeOptions, run_study, summary, usual_folders,
@@ -57,6 +58,7 @@ pub fn run(args: &CompositeStudyArgs, talk: Talk) -> Result<(), CliError> {
         measured: args.measured,
         anew: args.anew,
         command: std::env::args().collect::<Vec<_>>().join(" "),
+        stop: interrupt::stop_on_interrupt()?,
     };
     let bar = talk.progress(0);
     let study = run_study(&options, &|what, done, all| {
@@ -65,7 +67,7 @@ pub fn run(args: &CompositeStudyArgs, talk: Talk) -> Result<(), CliError> {
         bar.set_position(done as u64);
     });
     bar.finish_and_clear();
-    let study = study?;
+    let study = study.map_err(|error| to_be_continued(error, &args.out))?;
     talk.say(summary(&study));
     talk.say(format_args!("written to {}", args.out.display()));
     talk.result(&serde_json::json!({ "out": args.out, "study": study }));

@@ -1,6 +1,6 @@
 //! `kinlight study estimator`.
 
-use super::{CliError, Talk, setup};
+use super::{CliError, Talk, interrupt, setup};
 use clap::Args;
 use kinlight::study::light::LightPlan;
 use kinlight::study::{SequenceStore, estimator};
@@ -33,11 +33,13 @@ pub fn run(args: &EstimatorStudyArgs, talk: Talk) -> Result<(), CliError> {
     let store = SequenceStore::new(&args.sequences);
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let bar = talk.progress(0);
-    let study = estimator::run(&plan, &command, &store, &|done, all| {
+    let stop = interrupt::stop_on_interrupt()?;
+    let study = estimator::run(&plan, &command, &store, &stop, &|done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
-    })?;
+    });
     bar.finish_and_clear();
+    let study = study?;
     estimator::write(&study, &args.out)?;
     talk.say(estimator::summary(&study));
     talk.say(format_args!("written to {}", args.out.display()));

@@ -1,13 +1,13 @@
 //! `kinlight study light`.
 
 use super::args::parse_size;
-use super::{CliError, Talk, setup};
+use super::{CliError, Talk, interrupt, setup};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use kinlight::study::SequenceStore;
 use kinlight::study::light::{self, LightPlan, LightStudy, Progress};
+use kinlight::study::{SequenceStore, StudyError};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Light error of every preset: six scenes, four lights, with and without sensor noise.
 ///
@@ -106,13 +106,28 @@ pub fn run(args: &LightStudyArgs, talk: Talk) -> Result<(), CliError> {
     let store = SequenceStore::new(sequences);
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let bar = bar(talk);
-    let study = light::run(&args.plan(), &command, &store, &args.out, &|p| show(&bar, p))?;
+    let stop = interrupt::stop_on_interrupt()?;
+    let study = light::run(&args.plan(), &command, &store, &args.out, &stop, &|p| show(&bar, p));
     bar.finish_and_clear();
+    let study = study.map_err(|error| to_be_continued(error, &args.out))?;
     light::write(&study, &args.out)?;
     talk.say(light::summary(&study));
     talk.say(format_args!("written to {}", args.out.display()));
     talk.result(&result(&study, args));
     Ok(())
+}
+
+/// Of a study that keeps the runs it has finished.
+pub fn to_be_continued(error: StudyError, out: &Path) -> CliError {
+    match CliError::from(error) {
+        CliError::Interrupted { problem, has_result } => {
+            let out = out.display();
+            let problem =
+                format!("{problem}: finished runs are kept in {out}, and the same command goes on");
+            CliError::Interrupted { problem, has_result }
+        }
+        other => other,
+    }
 }
 
 /// Per mille of the work.

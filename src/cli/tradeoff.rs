@@ -1,7 +1,7 @@
 //! `kinlight tradeoff`.
 
 use super::args::{FrameRange, ReadingArgs, parse_frames};
-use super::{CliError, Talk, objects, setup};
+use super::{CliError, Talk, interrupt, objects, setup};
 use clap::{Args, ValueEnum};
 use kinlight::budget::Profile;
 use kinlight::study::StudyError;
@@ -62,6 +62,7 @@ pub fn run(args: &TradeoffArgs, talk: Talk) -> Result<(), CliError> {
     let mut capture = setup::capture_options(&args.reading);
     (capture.first_frame, capture.end_frame) = (args.frames.first, args.frames.end);
     let bar = talk.progress(0);
+    let stop = interrupt::stop_on_interrupt()?;
     let sweep = Sweep {
         sequences: args.sequences.clone(),
         capture,
@@ -75,6 +76,7 @@ pub fn run(args: &TradeoffArgs, talk: Talk) -> Result<(), CliError> {
             objects::of_sequence(path, source, args.frames.first, 0.0, 1.0)
                 .map_err(|e| StudyError::Options(e.to_string()))
         },
+        stop: &stop,
         progress: &|done, all, name| {
             bar.set_length(all as u64);
             bar.set_position(done as u64);
@@ -83,8 +85,9 @@ pub fn run(args: &TradeoffArgs, talk: Talk) -> Result<(), CliError> {
     };
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let variants = plan(args.quick)?;
-    let (study, kind) = sweep.run(variants, !args.quick, command)?;
+    let swept = sweep.run(variants, !args.quick, command);
     bar.finish_and_clear();
+    let (study, kind) = swept?;
 
     let write_error = |e: kinlight::output::OutputError| CliError::Output(e.to_string());
     study.write(&args.out, kind).map_err(write_error)?;

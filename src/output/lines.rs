@@ -23,7 +23,11 @@ impl LineWriter {
     }
 
     /// Appends a line. Where only part of it could be written, that part is taken back.
+    ///
+    /// # Errors
+    /// It cannot be written, or the file was removed: lines would go nowhere.
     pub fn push(&mut self, line: &str) -> Result<(), OutputError> {
+        self.check()?;
         let bytes = format!("{line}\n").into_bytes();
         if let Err(error) = self.file.write_all(&bytes) {
             self.take_back();
@@ -31,6 +35,17 @@ impl LineWriter {
         }
         self.length += bytes.len() as u64;
         Ok(())
+    }
+
+    /// # Errors
+    /// The file was removed since it was started.
+    pub fn check(&self) -> Result<(), OutputError> {
+        match std::fs::symlink_metadata(&self.path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                Err(OutputError::content(&self.path, "was removed while it was being written"))
+            }
+            _ => Ok(()), // another problem shows when a line is written
+        }
     }
 
     /// Waits until all lines are on the disk, so that they survive a power cut as well.
@@ -79,6 +94,18 @@ mod tests {
         log.take_back();
         log.push("next").unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "whole\nnext\n");
+    }
+
+    #[test]
+    fn a_file_that_was_removed_takes_no_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("logs/a.txt");
+        let mut log = LineWriter::create(&path).unwrap();
+        log.push("one").unwrap();
+        std::fs::remove_dir_all(path.parent().unwrap()).unwrap();
+        let error = log.push("two").unwrap_err().to_string();
+        assert!(error.ends_with("a.txt: was removed while it was being written"), "{error}");
+        assert!(!path.parent().unwrap().exists(), "it is not made again");
     }
 
     #[test]

@@ -127,6 +127,7 @@ impl RunWriter {
         outcome: &FrameOutcome,
         age: Option<Duration>,
     ) -> Result<(), OutputError> {
+        self.check_folder()?;
         let name = format!("{:06}.png", outcome.index);
         if self.plan.frames {
             write_color_png(&self.folder.join("frames").join(&name), pipeline.composed())?;
@@ -164,6 +165,7 @@ impl RunWriter {
         summary: &impl serde::Serialize,
     ) -> Result<(), OutputError> {
         self.backend = pipeline.record();
+        self.check_folder()?;
         if let Some(video) = self.video.take() {
             video.finish()?;
         }
@@ -182,6 +184,14 @@ impl RunWriter {
         }
         let json = serde_json::to_vec_pretty(summary).expect("a summary is plain data");
         atomic_write(&self.folder.join("summary.json"), |out| out.write_all(&json))
+    }
+
+    /// A folder that was removed is not made again for the rest of its files.
+    fn check_folder(&self) -> Result<(), OutputError> {
+        match self.folder.is_dir() {
+            true => Ok(()),
+            false => Err(OutputError::content(&self.folder, "was removed during the run")),
+        }
     }
 
     /// Stage times after warm-up; `None` before any frame.

@@ -53,7 +53,11 @@ impl Video {
         let temporary = atomic::temporary_beside(path)?;
         // Makes the folder, and finds out early where nothing can be written.
         atomic::create(&temporary).map_err(|error| OutputError::io(path, error))?;
-        let mut process = ffmpeg()
+        let mut encoder = ffmpeg();
+        // Ctrl-C goes to all that runs in a terminal's foreground: ffmpeg is to end with its input, not before.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut encoder, 0);
+        let mut process = encoder
             .args(["-hide_banner", "-loglevel", "error", "-nostdin", "-y"])
             .args(["-f", "rawvideo", "-pixel_format", "rgb24"])
             .args(["-video_size", &size.to_string(), "-framerate", &frames_per_s.to_string()])

@@ -13,6 +13,7 @@ use crate::math::median;
 use crate::output::{OutputError, atomic_write};
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;
+use crate::stop::Stop;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -70,6 +71,7 @@ pub fn run(
     plan: &LightPlan,
     command: &str,
     store: &SequenceStore,
+    stop: &Stop,
     progress: &dyn Fn(usize, usize),
 ) -> Result<EstimatorStudy, StudyError> {
     let preset = plan.presets.first().ok_or_else(|| StudyError::Options("no preset".into()))?;
@@ -82,9 +84,9 @@ pub fn run(
     for scene in &plan.scenes {
         for &light in &plan.lights {
             let options = plan.sequence(scene, light, plan.warm_up + plan.frames);
-            let path = store.get(&sequence_name(scene, light), &options, &|_, _| {})?;
+            let path = store.get(&sequence_name(scene, light), &options, stop, &|_, _| {})?;
             for &sensor_noise in &noises {
-                let errors = observe(&path, sensor_noise, &settings, &steps, plan.warm_up)?;
+                let errors = observe(&path, sensor_noise, &settings, &steps, plan.warm_up, stop)?;
                 runs.extend(steps.iter().zip(errors).map(|((name, _), errors)| EstimatorRun {
                     step: (*name).to_owned(),
                     scene: scene.clone(),
@@ -126,6 +128,7 @@ fn observe(
     settings: &Settings,
     steps: &[(&str, Settings)],
     warm_up: usize,
+    stop: &Stop,
 ) -> Result<Vec<Errors>, StudyError> {
     let truth = LightTruth::read(&sequence.join("light.json"))?;
     let mut estimators: Vec<_> =
@@ -133,7 +136,7 @@ fn observe(
     let mut errors = vec![Errors::new(); steps.len()];
     let mut source = open_made(sequence, sensor_noise)?;
     let mut pipeline = Pipeline::new(settings.clone(), source.camera(), VirtualScene::default())?;
-    each_frame(&mut source, &mut pipeline, &mut |pipeline, outcome| {
+    each_frame(&mut source, &mut pipeline, stop, &mut |pipeline, outcome| {
         let (Some((surface, _)), Some(transfer)) = (pipeline.geometry(), pipeline.transfer())
         else {
             return Ok(());
@@ -224,7 +227,7 @@ mod tests {
             samples: 1,
             ..LightPlan::default()
         };
-        let study = run(&plan, "test", &store, &|_, _| {}).unwrap();
+        let study = run(&plan, "test", &store, &Stop::default(), &|_, _| {}).unwrap();
         assert_eq!(study.runs.len(), 2 * STEPS.len());
         let last = study.runs.iter().filter(|run| run.step == STEPS[7].0);
         assert!(last.clone().count() == 2 && last.clone().all(|run| run.angle_deg.is_some()));

@@ -31,6 +31,8 @@ pub enum StudyError {
     Eval(#[from] crate::eval::EvalError),
     #[error(transparent)]
     Output(#[from] crate::output::OutputError),
+    #[error(transparent)]
+    Stopped(#[from] crate::stop::Stopped),
     #[error("{path}: {problem}")]
     File { path: String, problem: String },
     #[error("{0}")]

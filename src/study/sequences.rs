@@ -2,7 +2,8 @@
 
 use super::StudyError;
 use crate::output::OutputError;
-use crate::synth::{OPTIONS_FILE, SynthOptions, generate};
+use crate::stop::Stop;
+use crate::synth::{OPTIONS_FILE, SynthOptions, generate_until};
 use std::path::{Path, PathBuf};
 
 /// A folder of made sequences.
@@ -28,6 +29,7 @@ impl SequenceStore {
         &self,
         name: &str,
         options: &SynthOptions,
+        stop: &Stop,
         progress: &dyn Fn(usize, usize),
     ) -> Result<PathBuf, StudyError> {
         let path = self.folder.join(name);
@@ -41,7 +43,7 @@ impl SequenceStore {
             }
         }
         std::fs::create_dir_all(&self.folder).map_err(|e| OutputError::io(&self.folder, e))?;
-        generate(options, &partial, progress)?;
+        generate_until(stop, options, &partial, progress)?;
         std::fs::rename(&partial, &path).map_err(|e| OutputError::io(&partial, e))?;
         Ok(path)
     }
@@ -72,7 +74,9 @@ mod tests {
         };
         let count = Cell::new(0);
         let made = |options: &SynthOptions| {
-            let path = store.get("a", options, &|_, _| count.set(count.get() + 1)).unwrap();
+            let path = store
+                .get("a", options, &Stop::default(), &|_, _| count.set(count.get() + 1))
+                .unwrap();
             (path.join("rgb.txt").exists(), count.get())
         };
         assert_eq!(made(&options), (true, 1));

@@ -9,6 +9,7 @@ use super::{glb, kinect};
 use crate::capture::writer::{DepthCompression, DepthFormat, FrameRef, TumWriter, write_whole};
 use crate::image::{Image, Size};
 use crate::math::affine_from_pose;
+use crate::stop::{Stop, Stopped};
 use glam::{Vec3, Vec3A};
 use std::path::Path;
 
@@ -29,6 +30,20 @@ pub fn generate(
     out_dir: &Path,
     progress: &dyn Fn(usize, usize),
 ) -> Result<(), SynthError> {
+    generate_until(&Stop::default(), options, out_dir, progress)
+}
+
+/// As [`generate`]; once `stop` is asked, the frame in work is the last.
+///
+/// # Errors
+/// As well [`SynthError::Stopped`]: the folder is a whole recording then, but not that of the options, and has no
+/// [`OPTIONS_FILE`].
+pub fn generate_until(
+    stop: &Stop,
+    options: &SynthOptions,
+    out_dir: &Path,
+    progress: &dyn Fn(usize, usize),
+) -> Result<(), SynthError> {
     let segments = options.segments()?;
     let compression =
         if options.small_depth { DepthCompression::Small } else { DepthCompression::Fast };
@@ -38,22 +53,25 @@ pub fn generate(
     }
     let object = write_scene_files(options, &segments, out_dir)?;
     let mut composites = Vec::new();
-    for Segment { frames, scene } in &segments {
-        for frame in frames.clone() {
-            let timestamp_s = START_S + options.time_s(frame);
-            write_frame(options, scene, frame, &mut writer, timestamp_s)?;
-            if options.with_virtual && frame % options.virtual_every == 0 {
-                write_composite(options, scene, frame, &object, timestamp_s, out_dir)?;
-                composites.push((frame, timestamp_s));
-            }
-            progress(frame + 1, options.frames);
+    let frames = segments
+        .iter()
+        .flat_map(|Segment { frames, scene }| frames.clone().map(move |frame| (frame, scene)));
+    for (frame, scene) in frames.take_while(|_| !stop.is_asked()) {
+        let timestamp_s = START_S + options.time_s(frame);
+        write_frame(options, scene, frame, &mut writer, timestamp_s)?;
+        if options.with_virtual && frame % options.virtual_every == 0 {
+            write_composite(options, scene, frame, &object, timestamp_s, out_dir)?;
+            composites.push((frame, timestamp_s));
         }
+        progress(frame + 1, options.frames);
     }
     if options.with_virtual {
         let text = format!("{:#}\n", truth::virtual_json(&segments[0].scene, &composites));
         write_whole(&out_dir.join("virtual.json"), text.as_bytes())?;
     }
-    writer.finish()?;
+    if writer.finish()? < options.frames {
+        return Err(Stopped.into());
+    }
     let path = out_dir.join(OPTIONS_FILE);
     let text = serde_json::to_string_pretty(options).map_err(|e| file_error(&path, e))?;
     write_whole(&path, format!("{text}\n").as_bytes())?;

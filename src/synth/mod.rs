@@ -35,7 +35,7 @@ mod sequence_tests;
 mod tests;
 
 pub(crate) use develop::developed;
-pub use generate::{OPTIONS_FILE, generate};
+pub use generate::{OPTIONS_FILE, generate, generate_until};
 pub use options::{LightSwitch, SynthError, SynthOptions};
 pub use scene::VirtualKind;
 pub use scenes::STUDY;

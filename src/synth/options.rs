@@ -9,6 +9,7 @@ use crate::capture::CaptureError;
 use crate::capture::writer::ColorFormat;
 use crate::image::{Image, Size};
 use crate::math::Pinhole;
+use crate::stop::Stopped;
 use std::path::{Path, PathBuf};
 
 const FRAMES_PER_S: f64 = 30.0;
@@ -190,6 +191,8 @@ pub enum SynthError {
     Write(#[from] CaptureError),
     #[error("{path}: {problem}")]
     File { path: String, problem: String },
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
 }
 
 pub(super) fn file_error(path: &Path, problem: impl ToString) -> SynthError {

@@ -1,6 +1,7 @@
 //! Running the program as a user does.
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+pub mod process;
 pub mod recording;
 pub mod virtual_sensor;
 

@@ -44,6 +44,24 @@ pub fn small_demo(count: usize) -> Recording {
     Recording { camera, frames }
 }
 
+/// The first four frames of the demo over and over, at 30 frames a second, cropped to this size.
+pub fn looped(count: usize, size: Size) -> Recording {
+    let mut recording = small_demo(4).cropped(size);
+    let some = recording.frames.clone();
+    let again = |i: usize| RawFrame {
+        index: i,
+        timestamp_s: looped_time_s(i),
+        ..some[i % some.len()].clone()
+    };
+    recording.frames = (0..count).map(again).collect();
+    recording
+}
+
+/// In whole microseconds, as recordings have it.
+pub fn looped_time_s(frame: usize) -> f64 {
+    500.0 + (frame as f64 / 30.0 * 1e6).round() / 1e6
+}
+
 fn every_nth<T: Copy>(image: &Image<T>, size: Size) -> Image<T> {
     let pixels =
         (0..size.pixels()).map(|i| image[(i % size.width * STEP, i / size.width * STEP)]).collect();

@@ -1,6 +1,7 @@
 //! A folder with OpenNI2 and the virtual sensor in it, and tests that run in processes of their own:
 //! OpenNI2 is one per process.
 
+use super::recording::Recording;
 use super::{skipped, text};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -48,6 +49,16 @@ impl Played {
         Self { depth_size, color_size, frames }
     }
 
+    /// As a sensor that measures in millimetres would give it.
+    pub fn of(recording: &Recording) -> Self {
+        let size = [recording.camera.width, recording.camera.height];
+        let frames = recording.frames.iter().map(|frame| {
+            let mm = frame.depth_m.as_slice().iter().map(|d| (d * 1000.0).round() as u16);
+            (mm.collect(), frame.color.as_slice().to_vec())
+        });
+        Self { depth_size: size, color_size: size, frames: frames.collect() }
+    }
+
     /// Writes `sensor.txt` and `frames.bin`.
     pub fn write(&self, folder: &Path, script: &str) {
         let ([dw, dh], [cw, ch]) = (self.depth_size, self.color_size);
@@ -92,7 +103,7 @@ pub fn installed() -> Option<&'static Path> {
 }
 
 /// Puts the library, its player of recordings and the virtual sensor into `folder`.
-fn equip(folder: &Path, installed: &Path) {
+pub fn equip(folder: &Path, installed: &Path) {
     let drivers = folder.join("OpenNI2/Drivers");
     fs::create_dir_all(&drivers).unwrap();
     fs::copy(installed.join(LIBRARY), folder.join(LIBRARY)).unwrap();

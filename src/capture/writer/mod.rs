@@ -150,6 +150,8 @@ impl TumWriter {
     /// # Errors
     /// A file cannot be written, or the frame before has the same time to the microsecond.
     pub fn add(&mut self, frame: &EncodedFrame) -> Result<(), CaptureError> {
+        // Pictures would make a folder anew that was removed, and lie there without a list.
+        self.associations.check().map_err(output_error)?;
         let time = &frame.time;
         if *time == self.last_time {
             return Err(CaptureError::Sequence(format!("two frames have the time {time}")));

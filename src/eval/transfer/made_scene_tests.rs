@@ -5,6 +5,7 @@ use crate::capture::FrameSource;
 use crate::config::Settings;
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;
+use crate::stop::Stop;
 use crate::study::{each_frame, open_made};
 use crate::synth::{SynthOptions, TrueWorld, generate, true_world};
 use glam::Vec3;
@@ -38,7 +39,7 @@ fn measure(folder: &Path, truth: &TrueWorld, settings: Settings, rays: usize) ->
     let mut source = open_made(folder, true).expect("a sequence");
     let (step, radius_m) = (settings.transfer.subsampling, settings.transfer.radius_m);
     let mut pipeline = Pipeline::new(settings, source.camera(), VirtualScene::default()).unwrap();
-    each_frame(&mut source, &mut pipeline, &mut |_, _| Ok(())).expect("frames");
+    each_frame(&mut source, &mut pipeline, &Stop::default(), &mut |_, _| Ok(())).expect("frames");
     let map = pipeline.transfer().expect("the newest frame's transfer");
     let (real, _) = pipeline.geometry().expect("the newest frame's geometry");
     let own = SurfaceRays::new(&pipeline.mesh());

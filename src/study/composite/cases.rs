@@ -2,6 +2,7 @@
 
 use super::truth::TruthFolder;
 use super::variants::Variant;
+use crate::stop::Stop;
 use crate::study::{SequenceStore, StudyError};
 use crate::synth::SynthOptions;
 use crate::synth::scene::VirtualKind;
@@ -106,6 +107,7 @@ impl Recipe {
 pub fn made(
     options: &MadeOptions,
     store: &SequenceStore,
+    stop: &Stop,
     progress: &dyn Fn(&str, usize, usize),
 ) -> Result<Vec<Case>, StudyError> {
     if options.frames == 0 {
@@ -115,7 +117,7 @@ pub fn made(
     for recipe in &RECIPES {
         let synth = recipe.options(options);
         let name = recipe.name();
-        let folder = store.get(&name, &synth, &|done, all| progress(&name, done, all))?;
+        let folder = store.get(&name, &synth, stop, &|done, all| progress(&name, done, all))?;
         let (variants, made) = (recipe.full, Some(synth.clone()));
         cases.push(Case { variants, made, ..Case::folder(&folder)? });
         if recipe.full {

@@ -11,6 +11,7 @@ use crate::image::Image;
 use crate::lighting::ShLight;
 use crate::math::median;
 use crate::pipeline::Pipeline;
+use crate::stop::Stop;
 use crate::study::{StudyError, each_frame};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -50,6 +51,7 @@ pub fn run(
     case: &Case,
     key: &RunKey,
     name: &RunName,
+    stop: &Stop,
 ) -> Result<(CompositeRun, Option<LastFrame>), StudyError> {
     let end = key.frames.iter().max().map_or(1, |last| last + 1);
     let depth_list = case.sensor_noise.then(|| "depth_kinect.txt".to_owned());
@@ -59,7 +61,7 @@ pub fn run(
     let mut pipeline = Pipeline::new(key.settings.clone(), source.camera(), case.truth.scene()?)?;
     pipeline.set_light(given_light(key, &light, 0)?);
     let (mut frames, mut update_ms, mut last) = (Vec::new(), Vec::new(), None);
-    each_frame(&mut source, &mut pipeline, &mut |pipeline, outcome| {
+    each_frame(&mut source, &mut pipeline, stop, &mut |pipeline, outcome| {
         update_ms.push(outcome.times.update().as_secs_f64() * 1e3);
         if outcome.index + 1 < end {
             pipeline.set_light(given_light(key, &light, outcome.index + 1)?);

@@ -9,6 +9,7 @@ use super::{pictures, tables};
 use crate::config::Settings;
 use crate::math::median;
 use crate::output::atomic_write;
+use crate::stop::Stop;
 use crate::study::{Machine, SequenceStore, StudyError};
 use std::path::{Path, PathBuf};
 
@@ -33,6 +34,8 @@ pub struct CompositeOptions {
     pub anew: bool,
     /// The command line, for the record.
     pub command: String,
+    /// Ends the study with [`StudyError::Stopped`].
+    pub stop: Stop,
 }
 
 /// Told what is being done: a name, and how much of it.
@@ -60,6 +63,7 @@ pub fn run_study(
     let mut work = Work {
         log: RunLog::open(options.out.join("runs.jsonl"))?,
         pictures: options.out.join("pictures"),
+        stop: &options.stop,
         runs: Vec::new(),
         progress,
         done: 0,
@@ -91,7 +95,7 @@ fn cases(options: &CompositeOptions, progress: Progress) -> Result<Vec<Case>, St
     }
     if let Some(make) = &options.made {
         let store = SequenceStore::new(options.out.join("sequences"));
-        cases.extend(made(make, &store, progress)?);
+        cases.extend(made(make, &store, &options.stop, progress)?);
     }
     if cases.is_empty() {
         let why =
@@ -116,6 +120,7 @@ fn measured_frames(case: &Case, count: usize) -> Vec<usize> {
 struct Work<'a> {
     log: RunLog,
     pictures: PathBuf,
+    stop: &'a Stop,
     runs: Vec<CompositeRun>,
     progress: Progress<'a>,
     /// Runs that are over, those that a preset does not need included, and all of them.
@@ -186,7 +191,7 @@ impl Work<'_> {
                 ..found.clone()
             },
             None => {
-                let (found, last) = run(case, &key, name)?;
+                let (found, last) = run(case, &key, name, self.stop)?;
                 if let (PRESET, Some(last)) = (name.key, last) {
                     self.keep_pictures(case, name.preset, &last)?;
                 }

@@ -1,6 +1,7 @@
 use super::change::Change;
 use super::*;
 use crate::image::{Image, Size};
+use crate::stop::Stop;
 use crate::study::StudyError;
 use std::cell::RefCell;
 use std::path::Path;
@@ -142,6 +143,7 @@ fn options(out: &Path) -> CompositeOptions {
         measured: 2,
         anew: false,
         command: "test".into(),
+        stop: Stop::default(),
     }
 }
 

@@ -5,6 +5,7 @@ use crate::config::Settings;
 use crate::lighting::{LightEstimate, ShLight};
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;
+use crate::stop::Stop;
 use crate::study::{StudyError, each_frame, open_made};
 use crate::timing::StageTimes;
 use std::path::Path;
@@ -39,12 +40,13 @@ pub(super) fn observe(
     sensor_noise: bool,
     settings: &Settings,
     at: Option<[f64; 3]>,
+    stop: &Stop,
     tick: &dyn Fn(),
 ) -> Result<Vec<Observation>, StudyError> {
     let mut source = open_made(sequence, sensor_noise)?;
     let mut pipeline = Pipeline::new(settings.clone(), source.camera(), VirtualScene::default())?;
     let mut seen = Vec::new();
-    each_frame(&mut source, &mut pipeline, &mut |_, outcome| {
+    each_frame(&mut source, &mut pipeline, stop, &mut |_, outcome| {
         seen.push(Observation::new(outcome.index, &outcome.light, at, Some(outcome.times)));
         tick();
         Ok(())

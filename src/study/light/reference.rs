@@ -10,6 +10,7 @@ use crate::lighting::LightEstimator;
 use crate::math::bvh::Ray;
 use crate::math::color::LINEAR_FROM_SRGB8;
 use crate::math::{Pinhole, Pose, View, fibonacci_sphere, pose_from_xyzw, sh};
+use crate::stop::Stop;
 use crate::study::StudyError;
 use crate::synth::material::Material;
 use crate::synth::scene::{Placed, Scene};
@@ -65,19 +66,21 @@ pub(super) fn observe_probe(
     options: &SynthOptions,
     settings: &Settings,
     frames: Range<usize>,
+    stop: &Stop,
     tick: &dyn Fn(),
 ) -> Result<Vec<Observation>, StudyError> {
     let stage = Stage::new(probe, options)?;
     let mut estimator = LightEstimator::new(&settings.light);
     let mut transfer = TransferMap::default();
     let observed = frames.map(|index| {
+        stop.check()?;
         let (frame, surface) = stage.look(index);
         unoccluded_transfer(&surface, settings.transfer.bands, &mut transfer);
         let estimate = estimator.estimate(&frame, &surface, &transfer, None);
         tick();
-        Observation::new(index, &estimate, None, None)
+        Ok(Observation::new(index, &estimate, None, None))
     });
-    Ok(observed.collect())
+    observed.collect()
 }
 
 /// The ball in its surroundings.

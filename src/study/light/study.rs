@@ -8,6 +8,7 @@ use super::plan::{Job, LightPlan};
 use super::record::LightStudy;
 use super::reference::observe_probe;
 use crate::eval::light::LightTruth;
+use crate::stop::Stop;
 use crate::study::{Machine, SequenceStore, StudyError};
 use std::cell::RefCell;
 use std::collections::HashSet;
@@ -32,12 +33,13 @@ pub struct Progress<'a> {
 /// Runs what is not in `out/runs.jsonl` yet, and keeps it there. `command` is only noted down.
 ///
 /// # Errors
-/// A plan out of range, a folder that cannot be written, and what sequences and runs may fail with.
+/// A plan out of range, a folder that cannot be written, [`StudyError::Stopped`] once `stop` is asked, and what sequences and runs may fail with.
 pub fn run(
     plan: &LightPlan,
     command: &str,
     store: &SequenceStore,
     out: &Path,
+    stop: &Stop,
     progress: &dyn Fn(&Progress),
 ) -> Result<LightStudy, StudyError> {
     plan.check()?;
@@ -48,6 +50,7 @@ pub fn run(
         store,
         log: RunLog::open(&out.join(LOG_FILE))?,
         outlook: RefCell::new(Outlook::new(plan.width * plan.height)),
+        stop,
         progress,
     };
     session.expect(&jobs)?;
@@ -77,6 +80,7 @@ struct Session<'a> {
     store: &'a SequenceStore,
     log: RunLog,
     outlook: RefCell<Outlook>,
+    stop: &'a Stop,
     progress: &'a dyn Fn(&Progress),
 }
 
@@ -118,7 +122,7 @@ impl Session<'_> {
 
     fn work(&self, job: &Job) -> Result<Outcome, StudyError> {
         self.outlook.borrow_mut().start();
-        let sequence = self.store.get(&job.sequence, &job.options, &|_, _| {
+        let sequence = self.store.get(&job.sequence, &job.options, self.stop, &|_, _| {
             self.outlook.borrow_mut().tick(MAKING);
             self.tell(&format!("making {}", job.sequence));
         })?;
@@ -133,11 +137,11 @@ impl Session<'_> {
         let seen: Vec<Observation> = match method.probe {
             Some(probe) => {
                 let frames = self.warm_up..job.options.frames;
-                observe_probe(probe, &job.options, &method.settings, frames, &tick)?
+                observe_probe(probe, &job.options, &method.settings, frames, self.stop, &tick)?
             }
             None => {
                 let (settings, at) = (&method.settings, truth.center);
-                let seen = observe(&sequence, job.sensor_noise, settings, at, &tick)?;
+                let seen = observe(&sequence, job.sensor_noise, settings, at, self.stop, &tick)?;
                 seen.into_iter().filter(|s| s.frame >= self.warm_up).collect()
             }
         };

@@ -8,6 +8,7 @@ use crate::config::Settings;
 use crate::eval::light::{LightSegment, LightTruth, angle_deg};
 use crate::lighting::ShLight;
 use crate::math::sh;
+use crate::stop::Stop;
 use crate::study::StudyError;
 use crate::synth::{STUDY, SynthOptions};
 use glam::Vec3;
@@ -192,7 +193,8 @@ fn every_scene_has_room_for_the_probe_and_the_probe_finds_the_light() {
         let lamp = scene.lights[0].light.centre() - scene.centre.as_vec3a();
         let [in_room, alone] = Probe::ALL.map(|probe| {
             let settings = Settings::default();
-            let seen = observe_probe(probe, &options, &settings, 0..1, &|| ()).unwrap();
+            let seen =
+                observe_probe(probe, &options, &settings, 0..1, &Stop::default(), &|| ()).unwrap();
             assert!(seen[0].valid, "{name}");
             angle_deg(seen[0].light.dominant_direction().unwrap(), lamp.into()).unwrap()
         });

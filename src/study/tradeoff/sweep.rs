@@ -7,6 +7,7 @@ use crate::capture::{CaptureOptions, FrameSource, Sequence, open_sequence};
 use crate::math::median;
 use crate::pipeline::Pipeline;
 use crate::scene::VirtualScene;
+use crate::stop::Stop;
 use crate::study::{Machine, each_frame};
 use crate::timing::{Stage, StageTimes};
 use std::collections::BTreeMap;
@@ -29,6 +30,8 @@ pub struct Sweep<'a> {
     pub error: Option<ErrorKind>,
     /// Virtual objects for a sequence.
     pub scene: &'a dyn Fn(&Path, &Sequence) -> Result<VirtualScene, StudyError>,
+    /// Ends the sweep with [`StudyError::Stopped`].
+    pub stop: &'a Stop,
     /// `(done, all, name of the next)`
     pub progress: &'a dyn Fn(usize, usize, &str),
 }
@@ -137,7 +140,7 @@ impl Sweep<'_> {
         let truth = judge.then(|| Truth::of_sequence(path)).transpose()?;
         let mut pipeline = Pipeline::new(variant.settings.clone(), source.camera(), scene)?;
         let mut seen = 0;
-        each_frame(&mut source, &mut pipeline, &mut |pipeline, outcome| {
+        each_frame(&mut source, &mut pipeline, self.stop, &mut |pipeline, outcome| {
             seen += 1;
             runs.volume_bytes = runs.volume_bytes.max(outcome.volume_bytes);
             if seen <= self.warm_up || !outcome.composed {

@@ -12,7 +12,10 @@ use sensor::{ANNOUNCER, Address, Announcer, Device, PLUGGED, SCRIPT, Stream, URI
 use std::ffi::{c_char, c_int, c_void};
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::Ordering::SeqCst;
+use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
+
+/// How often the device was opened.
+static OPENED: AtomicUsize = AtomicUsize::new(0);
 
 // All pointers below are the library's, valid for the call, or were made here by `Box::into_raw` and not
 // yet freed: OpenNI2 serialises the calls on a device and on a stream. That is the safety of every block.
@@ -61,9 +64,16 @@ pub unsafe extern "C" fn oniDriverTryDevice(uri: *const c_char) -> c_int {
 
 #[unsafe(no_mangle)]
 pub extern "C" fn oniDriverDeviceOpen(_uri: *const c_char, _mode: *const c_char) -> *mut Device {
-    let script = lock(&SCRIPT).clone().filter(|s| !s.has(Fault::Busy));
-    script.iter().for_each(|s| s.go_wrong_at(Moment::Open));
-    script.map_or(std::ptr::null_mut(), |s| Box::into_raw(Box::new(Device::new(s))))
+    let Some(script) = lock(&SCRIPT).clone().filter(|s| !s.has(Fault::Busy)) else {
+        return std::ptr::null_mut();
+    };
+    script.go_wrong_at(Moment::Open);
+    let before = OPENED.fetch_add(1, SeqCst);
+    script.note("open", before);
+    if before > 0 {
+        std::thread::sleep(script.reopen);
+    }
+    Box::into_raw(Box::new(Device::new(script)))
 }
 
 #[unsafe(no_mangle)]

@@ -13,6 +13,8 @@
 //! registration yes         offered in hardware
 //! sync yes
 //! mirror-stuck yes         mirroring cannot be turned off
+//! reopen-ms 4000           opening the device again takes so long
+//! log yes                  what happens goes to log.txt: microseconds since 1970, event, frame
 //! lock yes                 exposure and white balance can be locked
 //! fault absent | busy | unplug K [replug-ms] | stall K | half K | stride K | jump K us | no-color K
 //! fault crash initialize | crash open | crash start | hang initialize | hang open | hang start
@@ -20,7 +22,10 @@
 //!
 //! `frames.bin` holds, frame by frame, depth as 16-bit little-endian and colour as RGB, without padding.
 
-use std::path::Path;
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
@@ -28,7 +33,7 @@ pub enum Fault {
     Busy,
     /// Before this frame; back after so many milliseconds. Once.
     Unplug(usize, Option<u64>),
-    /// No frame from this one on.
+    /// No frame from this one on, until the device is opened again. Once.
     Stall(usize),
     /// This depth frame has half of its bytes.
     Half(usize),
@@ -66,6 +71,9 @@ pub struct Script {
     pub sync: bool,
     pub mirror_stuck: bool,
     pub lock: bool,
+    pub reopen: Duration,
+    pub log: bool,
+    pub folder: PathBuf,
     pub faults: Vec<Fault>,
     pub frames: Vec<u8>,
 }
@@ -85,6 +93,9 @@ impl Script {
             sync: false,
             mirror_stuck: false,
             lock: false,
+            reopen: Duration::ZERO,
+            log: false,
+            folder: folder.to_owned(),
             faults: Vec::new(),
             frames: std::fs::read(folder.join("frames.bin")).map_err(|e| e.to_string())?,
         };
@@ -112,6 +123,8 @@ impl Script {
             ["sync", _] => self.sync = yes,
             ["mirror-stuck", _] => self.mirror_stuck = yes,
             ["lock", _] => self.lock = yes,
+            ["reopen-ms", ms] => self.reopen = Duration::from_millis(ms.parse().ok()?),
+            ["log", _] => self.log = yes,
             ["fault", ref fault @ ..] => self.faults.push(Self::fault(fault)?),
             _ => return None,
         }
@@ -154,6 +167,19 @@ impl Script {
         }
     }
 
+    /// Adds an event to the log. A test that misses it says so.
+    pub fn note(&self, event: &str, frame: usize) {
+        if !self.log {
+            return;
+        }
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let line = format!("{} {event} {frame}\n", now.as_micros());
+        let file = OpenOptions::new().create(true).append(true).open(self.folder.join("log.txt"));
+        if let Err(problem) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
+            eprintln!("virtual sensor: log.txt: {problem}");
+        }
+    }
+
     pub fn has(&self, fault: Fault) -> bool {
         self.faults.contains(&fault)
     }
@@ -193,9 +219,7 @@ impl Script {
         jumps.sum()
     }
 
-    /// Whether nothing comes any more.
-    pub fn silent(&self, frame: usize) -> bool {
-        frame >= self.frame_count()
-            || self.faults.iter().any(|f| matches!(f, Fault::Stall(k) if frame >= *k))
+    pub fn stalls(&self, frame: usize) -> bool {
+        self.faults.iter().any(|f| matches!(f, Fault::Stall(k) if frame >= *k))
     }
 }

@@ -29,6 +29,8 @@ pub static SCRIPT: Mutex<Option<Arc<Script>>> = Mutex::new(None);
 pub static PLUGGED: AtomicBool = AtomicBool::new(false);
 /// It was unplugged already: that happens once.
 static UNPLUGGED_ONCE: AtomicBool = AtomicBool::new(false);
+/// So does a stall.
+static STALLED_ONCE: AtomicBool = AtomicBool::new(false);
 
 /// No code of this library panics with a lock held; if it did, its data would still be whole.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -89,6 +91,7 @@ pub struct Shared {
     /// Depth, colour.
     ports: Mutex<[Port; 2]>,
     next: AtomicUsize,
+    stalled: AtomicBool,
     clock: Mutex<Option<JoinHandle<()>>>,
     stop: AtomicBool,
 }
@@ -113,6 +116,7 @@ impl Device {
             script,
             ports: Mutex::new(ports),
             next: AtomicUsize::new(0),
+            stalled: AtomicBool::new(false),
             clock: Mutex::new(None),
             stop: AtomicBool::new(false),
         });
@@ -163,18 +167,22 @@ impl Shared {
         if let Some(back_ms) = unplug
             && !UNPLUGGED_ONCE.swap(true, SeqCst)
         {
+            self.script.note("unplug", frame);
             announce(false);
             if let Some(ms) = back_ms {
+                let script = Arc::clone(&self.script);
                 std::thread::spawn(move || {
                     std::thread::sleep(Duration::from_millis(ms));
+                    script.note("plug", frame);
                     announce(true);
                 });
             }
         }
-        if !PLUGGED.load(SeqCst) || self.script.silent(frame) {
+        if !PLUGGED.load(SeqCst) || self.silent(frame) {
             return false;
         }
         self.next.store(frame + 1, SeqCst);
+        self.script.note("frame", frame);
         for (side, sensor) in [DEPTH, COLOR].into_iter().enumerate() {
             if sensor == COLOR && self.script.has(Fault::NoColor(frame)) {
                 continue;
@@ -189,6 +197,14 @@ impl Shared {
             }
         }
         true
+    }
+
+    /// The frames are over, or this is the device that stalls.
+    fn silent(&self, frame: usize) -> bool {
+        if self.script.stalls(frame) && !STALLED_ONCE.swap(true, SeqCst) {
+            self.stalled.store(true, SeqCst);
+        }
+        self.stalled.load(SeqCst) || frame >= self.script.frame_count()
     }
 
     fn deliver(&self, sink: &Sink, sensor: c_int, number: usize, mirrored: bool) {
