@@ -3,6 +3,7 @@
 mod continuity;
 mod filters;
 mod light;
+mod light_truth;
 mod long;
 mod made;
 mod on_device;
@@ -19,6 +20,7 @@ pub fn add_cases(table: &mut Table) {
     registration::add_cases(table);
     shading::add_cases(table);
     light::add_cases(table);
+    light_truth::add_cases(table);
     continuity::add_cases(table);
     long::add_cases(table);
 }
