@@ -37,7 +37,7 @@ pub(crate) use occlusion::Occlusion;
 pub use placement::place_centre;
 pub use schedule::Shown;
 pub use surface::SurfaceStage;
-pub use volume::{FusionError, TsdfVolume};
+pub use volume::{FusionError, TsdfVolume, Voxel};
 
 /// Reconstruct stage, map part.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

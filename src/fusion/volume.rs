@@ -1,7 +1,7 @@
 //! The volume itself: its place in the world, its storage, its revision.
 
 use super::allocate::BlockMarks;
-use super::block::BlockStore;
+use super::block::{BlockStore, ONE, SIDE, UNSEEN};
 use super::sample::Sampler;
 use super::tiles::TileMap;
 use super::{Lattice, VolumeParams};
@@ -26,6 +26,15 @@ pub enum FusionError {
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] crate::gpu::GpuError),
+}
+
+/// What a voxel knows of the surface next to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Voxel {
+    /// Along the view's z axis, positive in free space; at most the truncation distance either way.
+    pub distance_m: f32,
+    /// Frames in its average.
+    pub weight: u16,
 }
 
 /// Truncated signed distances in a world-aligned cube, a [`Lattice`].
@@ -98,6 +107,21 @@ impl TsdfVolume {
     /// Blocks of 8x8x8 voxels that have storage.
     pub fn allocated_blocks(&self) -> usize {
         self.store.live_blocks()
+    }
+
+    /// A voxel by its place in the lattice; `None` outside, and where no frame has seen it.
+    pub fn voxel(&self, at: [usize; 3]) -> Option<Voxel> {
+        if at.iter().any(|&v| v >= self.lattice.grid * SIDE) {
+            return None;
+        }
+        let index = self.store.index(at.map(|v| (v / SIDE) as u16));
+        let block = &self.store.blocks[self.store.table[index] as usize];
+        let [x, y, z] = at.map(|v| v % SIDE);
+        let k = (z * SIDE + y) * SIDE + x;
+        (block.tsdf[k] != UNSEEN).then(|| Voxel {
+            distance_m: f32::from(block.tsdf[k]) / f32::from(ONE) * self.lattice.truncation_m,
+            weight: block.weight[k],
+        })
     }
 
     pub fn memory_bytes(&self) -> usize {

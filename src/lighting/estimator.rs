@@ -3,11 +3,11 @@
 use super::bank::{Bank, Batch};
 use super::change::LastPicture;
 use super::field::LightField;
-use super::fit::{Fit, Residual};
+use super::fit::{Deviating, Fit};
 #[cfg(feature = "gpu")]
 use super::picked::PickedSamples;
 use super::samples::{Counts, Samples, Seen};
-use super::solve::{Solution, Spectrum, spectrum};
+use super::solve::{Spectrum, spectrum};
 use super::{LightParams, ShLight};
 use crate::capture::RgbdFrame;
 use crate::geometry::GBuffer;
@@ -50,8 +50,9 @@ pub struct LightEstimate {
     pub rank: usize,
     /// Root mean square of the residual, relative to that of the image.
     pub residual: f64,
-    /// Standard deviation of each coefficient of the luminance. Takes errors for independent from
-    /// pixel to pixel, the prior for a true one and the albedo for uniform: a lower bound.
+    /// Standard deviation of each coefficient of the luminance: noise, what is not seen of the lamp, and
+    /// light beside it that is held back or not seen, believed to be of the size that it has where it is. Takes
+    /// errors for independent from sample to sample, and albedo for uniform within its classes.
     pub deviation: Vec<f32>,
     /// The same at any other point.
     pub field: LightField,
@@ -248,8 +249,16 @@ impl LightEstimator {
             return Err(Rejection::NotFinite);
         }
         let Spectrum { rank, condition } = spectrum(self.fit.equations());
+        let deviation = self.fit.deviation(&Deviating {
+            bank: &self.bank,
+            params: &self.params,
+            solution: &solution,
+            light: &light,
+            at,
+            noise: residual.noise(rank),
+        });
         Ok(LightEstimate {
-            deviation: deviation(&solution, &light, &residual, rank),
+            deviation,
             light,
             condition,
             rank,
@@ -308,18 +317,6 @@ fn enough_samples(counts: &Counts, coefficients: usize) -> Result<(), Rejection>
     ];
     let commonest = reasons.iter().max_by_key(|(count, _)| *count);
     Err(commonest.map_or(Rejection::NoSurface, |&(_, reason)| reason))
-}
-
-fn deviation(solution: &Solution, light: &ShLight, residual: &Residual, rank: usize) -> Vec<f32> {
-    let freedom = (residual.weight - rank as f64).max(1.0);
-    let noise = residual.squares / freedom;
-    let luminance = light.luminance();
-    let power = luminance.iter().map(|&l| f64::from(l).powi(2)).sum::<f64>();
-    // Where nothing is known, all that can be said is that the light is of its usual size.
-    let unknown = power / luminance.len().max(1) as f64;
-    (solution.variance.iter().zip(&solution.undetermined))
-        .map(|(v, u)| (noise * v + unknown * u).sqrt() as f32)
-        .collect()
 }
 
 /// A grey room before anything has been seen: a surface facing the light shows middle grey. The

@@ -1,5 +1,7 @@
 //! The light that explains a bank of samples: lamp, albedo of each class, and what least squares adds.
 
+mod deviation;
+
 use super::albedo::Albedos;
 use super::bank::{Bank, Batch, LANES};
 use super::field::LightField;
@@ -8,6 +10,7 @@ use super::normal_equations::{NormalEquations, padded};
 use super::solve::{Penalty, Solution, solve};
 use super::{LightChannels, LightParams, LightPrior, ShLight};
 use crate::math::color::luminance;
+pub use deviation::Deviating;
 
 /// Rounds of lamp, albedo and robust weights: for a first fit, and from one frame to the next.
 const FIRST_ROUNDS: usize = 5;
@@ -21,13 +24,25 @@ const MEDIAN_STRIDE: usize = 2;
 pub struct Residual {
     pub squares: f64,
     pub energy: f64,
-    pub weight: f64,
+    /// Squares of what robust weights leave of each.
+    limited: f64,
+    samples: f64,
+    /// Samples that robust weights leave whole.
+    whole: f64,
 }
 
 impl Residual {
     /// Root mean square relative to that of the picture.
     pub fn relative(&self) -> f64 {
         if self.energy > 0.0 { (self.squares / self.energy).max(0.0).sqrt() } else { 0.0 }
+    }
+
+    /// Variance of a sample, as it enters a robust fit of so many coefficients (Huber 1981): residuals
+    /// are limited, and those that are do not pull any more.
+    pub fn noise(&self, rank: usize) -> f64 {
+        let freedom = (self.samples - rank as f64).max(1.0);
+        let whole = (self.whole / self.samples.max(1.0)).max(1.0 / self.samples.max(1.0));
+        self.limited / freedom / (whole * whole)
     }
 }
 
@@ -113,7 +128,9 @@ impl Fit {
                 let error = packet.luminance[i] - shade[i];
                 total.squares += f64::from(w * error * error);
                 total.energy += f64::from(w * packet.luminance[i] * packet.luminance[i]);
-                total.weight += f64::from(w);
+                total.limited += f64::from(w * error).powi(2);
+                total.samples += f64::from(packet.present[i]);
+                total.whole += f64::from(u8::from(w >= 1.0));
             }
         });
         total

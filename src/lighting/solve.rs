@@ -19,9 +19,14 @@ pub struct Penalty {
 impl Penalty {
     pub fn new(equations: &NormalEquations, params: &LightParams) -> Self {
         let unit = params.tikhonov * equations.mean_eigenvalue();
-        // Relative to band 1; the mean level is penalised like band 1.
+        let weights = Self::weights(equations.n, params);
+        Self { diagonal: weights.into_iter().map(|weight| unit * weight).collect() }
+    }
+
+    /// Of `n` coefficients, relative to band 1; the mean level is penalised like band 1.
+    pub fn weights(n: usize, params: &LightParams) -> Vec<f64> {
         let weight = |l: usize| ((l * (l + 1)).max(2) as f64 / 2.0).powf(params.band_power);
-        Self { diagonal: (0..equations.n).map(|i| unit * weight(i.isqrt())).collect() }
+        (0..n).map(|i| weight(i.isqrt())).collect()
     }
 }
 
@@ -46,10 +51,8 @@ pub fn non_negative_pair([aa, ab, bb]: [f64; 3], [a_seen, b_seen]: [f64; 2]) -> 
 pub struct Solution {
     /// `n` coefficients a channel.
     pub light: Vec<Vec<f64>>,
-    /// Diagonal of the (pseudo-)inverse of N + P.
-    pub variance: Vec<f64>,
-    /// Share of each coefficient, [0, 1], that neither data nor prior determine.
-    pub undetermined: Vec<f64>,
+    /// Of N + P; a pseudo-inverse where neither data nor prior determine all.
+    pub inverse: DMatrix<f64>,
 }
 
 /// What the data alone determine.
@@ -67,7 +70,12 @@ pub fn solve(equations: &NormalEquations, penalty: &Penalty) -> Solution {
         matrix[(i, i)] += penalty.diagonal[i];
     }
     let rhs: Vec<_> = equations.rhs.iter().map(|b| DVector::from_column_slice(b)).collect();
-    by_cholesky(&matrix, &rhs).unwrap_or_else(|| by_eigenvectors(matrix, &rhs))
+    by_cholesky(&matrix, &rhs).unwrap_or_else(|| {
+        // the solution of least norm: directions without data stay 0
+        let inverse = pseudo_inverse(matrix);
+        let light = rhs.iter().map(|b| (&inverse * b).as_slice().to_vec()).collect();
+        Solution { light, inverse }
+    })
 }
 
 /// `None` where the matrix is not safely positive definite.
@@ -77,38 +85,25 @@ fn by_cholesky(matrix: &DMatrix<f64>, rhs: &[DVector<f64>]) -> Option<Solution> 
     // A lower bound of the condition number, good enough to tell rounding from data.
     (pivots.min() > RANK_TOLERANCE * pivots.max()).then(|| Solution {
         light: rhs.iter().map(|b| factor.solve(b).as_slice().to_vec()).collect(),
-        variance: factor.inverse().diagonal().as_slice().to_vec(),
-        undetermined: vec![0.0; matrix.nrows()],
+        inverse: factor.inverse(),
     })
 }
 
-/// The solution of least norm: directions without data stay 0.
-fn by_eigenvectors(matrix: DMatrix<f64>, rhs: &[DVector<f64>]) -> Solution {
+/// Of a symmetric matrix without negative eigenvalues; those that are rounding count as zero.
+pub fn pseudo_inverse(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let n = matrix.nrows();
+    if n == 0 {
+        return matrix;
+    }
     let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(matrix);
     let limit = RANK_TOLERANCE * eigenvalues.max();
-    let mut solution = Solution {
-        light: vec![vec![0.0; n]; rhs.len()],
-        variance: vec![0.0; n],
-        undetermined: vec![0.0; n],
-    };
+    let mut inverse = DMatrix::zeros(n, n);
     for (vector, &value) in eigenvectors.column_iter().zip(&eigenvalues) {
-        for i in 0..n {
-            let share = vector[i] * vector[i];
-            if value > limit {
-                solution.variance[i] += share / value;
-            } else {
-                solution.undetermined[i] += share;
-            }
-        }
         if value > limit {
-            for (light, b) in solution.light.iter_mut().zip(rhs) {
-                let along = vector.dot(b) / value;
-                light.iter_mut().zip(&vector).for_each(|(l, v)| *l += along * v);
-            }
+            inverse.ger(1.0 / value, &vector, &vector, 1.0);
         }
     }
-    solution
+    inverse
 }
 
 pub fn spectrum(equations: &NormalEquations) -> Spectrum {
@@ -141,7 +136,7 @@ mod tests {
         for (a, b) in found.light[0].iter().zip([-0.5, 2.0]) {
             assert!((a - b).abs() < 1e-14);
         }
-        for (a, b) in found.variance.iter().zip([0.375, 0.5]) {
+        for (a, b) in found.inverse.iter().zip([0.375, -0.25, -0.25, 0.5]) {
             assert!((a - b).abs() < 1e-14);
         }
     }
@@ -149,13 +144,12 @@ mod tests {
     #[test]
     fn singular_system_gives_the_solution_of_least_norm() {
         let found = solve(&equations(&[1.0, 1.0, 1.0, 1.0], &[2.0, 2.0]), &no_penalty(2));
-        for i in 0..2 {
-            assert!((found.light[0][i] - 1.0).abs() < 1e-14);
-            assert!((found.undetermined[i] - 0.5).abs() < 1e-14);
-        }
+        assert!(found.light[0].iter().all(|l| (l - 1.0).abs() < 1e-14));
+        // of [[1, 1], [1, 1]]: the eigenvalue 2 along the diagonal alone
+        assert!(found.inverse.iter().all(|v| (v - 0.25).abs() < 1e-14));
         let nothing = solve(&equations(&[0.0; 4], &[0.0; 2]), &no_penalty(2));
         assert_eq!(nothing.light[0], [0.0, 0.0]);
-        assert_eq!(nothing.undetermined, [1.0, 1.0]);
+        assert!(nothing.inverse.iter().all(|&v| v == 0.0));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //!
 //! `cargo test --test extremes [-- FILTER]`: cases whose stage or name contain FILTER.
 
+mod stages;
 mod table;
 
 use std::process::ExitCode;
@@ -9,6 +10,7 @@ use table::Table;
 
 fn main() -> ExitCode {
     let filter = std::env::args().skip(1).find(|arg| !arg.starts_with('-'));
-    let table = Table::new(filter);
+    let mut table = Table::new(filter);
+    stages::add_cases(&mut table);
     if table.finish() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

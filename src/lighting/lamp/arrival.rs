@@ -75,21 +75,37 @@ impl Arrival {
     }
 }
 
-/// [`Arrival::irradiance`] of all packets of a batch, a row each.
-pub(super) fn irradiances(arrival: &Arrival, batch: &Batch, out: &mut [[f32; LANES]]) {
-    with_bands!(arrival.bands, irradiances_of(arrival, batch, out));
+/// [`Arrival::irradiance`] of every `every`-th packet of a batch, a row each.
+pub(super) fn irradiances(
+    arrival: &Arrival,
+    batch: &Batch,
+    every: usize,
+    out: &mut [[f32; LANES]],
+) {
+    with_bands!(arrival.bands, irradiances_of(arrival, batch, every, out));
 }
 
-fn irradiances_of<const BANDS: usize>(arrival: &Arrival, batch: &Batch, out: &mut [[f32; LANES]]) {
+fn irradiances_of<const BANDS: usize>(
+    arrival: &Arrival,
+    batch: &Batch,
+    every: usize,
+    out: &mut [[f32; LANES]],
+) {
     #[multiversion::multiversion(targets(
         "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma+bmi2",
         "x86_64+avx2+fma+bmi2"
     ))]
-    fn dispatch<const BANDS: usize>(arrival: &Arrival, batch: &Batch, out: &mut [[f32; LANES]]) {
+    fn dispatch<const BANDS: usize>(
+        arrival: &Arrival,
+        batch: &Batch,
+        every: usize,
+        out: &mut [[f32; LANES]],
+    ) {
         let transfers = batch.transfer.chunks_exact(BANDS * BANDS);
-        for ((out, packet), transfer) in out.iter_mut().zip(&batch.packets).zip(transfers) {
+        let packets = batch.packets.iter().zip(transfers).step_by(every);
+        for (out, (packet, transfer)) in out.iter_mut().zip(packets) {
             *out = arrival.irradiance::<BANDS>(&packet.position, transfer);
         }
     }
-    dispatch::<BANDS>(arrival, batch, out);
+    dispatch::<BANDS>(arrival, batch, every, out);
 }

@@ -12,6 +12,7 @@ mod arrival;
 mod candidate;
 mod climb;
 mod search;
+mod sensitivity;
 mod sums;
 
 #[cfg(test)]
@@ -25,7 +26,7 @@ use search::Search;
 use std::f32::consts::PI;
 use sums::sums;
 
-#[cfg(test)]
+pub use sensitivity::{AMOUNTS, Sensitivity};
 pub use sums::RIDGE;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,7 +103,7 @@ impl LampField {
         let arrival = self.arrival(coefficients);
         let unit = (4.0 * PI).sqrt();
         let mut lamps = vec![[0.0; LANES]; batch.packets.len()];
-        irradiances(&arrival, batch, &mut lamps);
+        irradiances(&arrival, batch, 1, &mut lamps);
         for (k, lamp) in lamps.iter().enumerate() {
             let open = &batch.transfer[k * coefficients];
             for (c, &(ambient, irradiance)) in self.channels.iter().enumerate() {
