@@ -213,17 +213,20 @@ fn motions(table: &mut Table) {
     });
 }
 
-/// What leaves motions open is said to do so.
+/// A camera at rest before what leaves motions open: the pose stays, and where that is seen it is said. Voxels
+/// of 47 mm are rough: by their edges two planes and a corridor seem to fix all six motions, which
+/// they do not on exact pictures (the tracker's own tests).
 fn scenes(table: &mut Table) {
+    let open = TrackingState::Degraded;
     let scenes = [
-        ("a wall", wall(), TrackingState::Degraded, 3..=3),
-        ("two planes", two_planes(), TrackingState::Degraded, 5..=5),
-        ("a ball", ball(), TrackingState::Degraded, 3..=3),
-        ("a corridor", corridor(), TrackingState::Degraded, 5..=5),
-        ("the corner", AnalyticScene::corner(), TrackingState::Tracking, 6..=6),
+        ("a wall", wall(), Some(open)),
+        ("two planes", two_planes(), None),
+        ("a ball", ball(), Some(open)),
+        ("a corridor", corridor(), None),
+        ("the corner", AnalyticScene::corner(), Some(TrackingState::Tracking)),
     ];
-    for (name, scene, state, ranks) in scenes {
-        table.case("tracking", format!("{name}, tracked"), On::Both, |on| {
+    for (name, scene, state) in scenes {
+        table.case("tracking", format!("{name}, at rest"), On::Both, |on| {
             let (eye, at) = match name {
                 "a corridor" => (Vec3::new(0.0, 0.1, 1.2), Vec3::new(1.0, 0.1, 1.1)),
                 _ => (EYE, MIDDLE),
@@ -233,10 +236,18 @@ fn scenes(table: &mut Table) {
             let frames = [frame(0), frame(1), frame(2)];
             let mut run = run(on, &settings, on_floor(), &frames)?;
             let found = run.outcomes[2].tracking.clone();
-            run.broken.rule(found.state == state && ranks.contains(&found.rank), || {
+            let said = match found.issue {
+                Some(TrackingIssue::Underconstrained { rank }) => rank == found.rank && rank < 6,
+                _ => found.rank == 6,
+            };
+            let expected = state.is_none_or(|state| state == found.state);
+            run.broken.rule(said && expected, || {
                 format!("{:?} {:?} rank {}", found.state, found.issue, found.rank)
             });
-            run.finish()
+            let moved = look(eye, at).inverse() * found.world_from_camera;
+            let metres = moved.translation.vector.norm();
+            // a fifth of a voxel
+            Ok(run.finish()?.worse(Found::new(metres, 0.01, "metres that the camera moved")))
         });
     }
 }
