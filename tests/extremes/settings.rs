@@ -1,5 +1,6 @@
 //! Every numeric setting at 0, below, and far beyond: refused with its name, or it works.
 
+use crate::checks::Broken;
 use crate::frames::{SIZE, at_corner, camera, seen};
 use crate::models::on_floor;
 use crate::runs::{QUICK, Run};
@@ -76,45 +77,47 @@ const BASES: [&[(&str, &str)]; 4] = [
     ],
 ];
 
-/// Which of them shows what a section is for.
+/// Which of them shows what a field is for, the one that shows it best first.
 fn bases(key: &str) -> &'static [&'static [(&'static str, &'static str)]] {
-    match key.split('.').next() {
-        Some("tracking" | "volume" | "input" | "surface" | "dyn_geo") => &BASES[..1],
-        Some("transfer") => &BASES[1..],
-        Some("bounce") => &BASES[1..2],
-        _ => &BASES[1..3],
+    match key.split_once('.') {
+        Some(("transfer", name)) if name == "ray_length_m" || name.starts_with("refine") => {
+            &BASES[3..]
+        }
+        Some(("transfer", _)) => &BASES[1..2],
+        Some(("bounce", _)) => &BASES[1..2],
+        Some(("light" | "compositing", _)) => &BASES[1..3],
+        _ => &BASES[..1],
     }
 }
 
+/// Every value that is taken runs; on the GPU the first and the last of them, with the first base.
 fn pushed(on: Device<'_>, frames: &[RawFrame], key: &str, values: &[String]) -> Outcome {
     let (mut taken, mut refused) = (Vec::new(), Vec::new());
-    let mut broken = 0;
-    let mut first = None;
-    let mut note = |count: usize, what: String| {
-        broken += count;
-        if count > 0 {
-            first.get_or_insert(what);
-        }
-    };
+    let mut broken = Broken::default();
     let name = key.rsplit('.').next().unwrap_or(key);
     for value in values {
-        let mut was_refused = false;
-        for base in bases(key) {
-            let settings = match with(base, key, value)? {
-                Ok(settings) => settings,
-                Err(text) => {
-                    was_refused = true;
-                    note(usize::from(!text.contains(name)), format!("{value}: {text}"));
-                    break;
-                }
-            };
-            let found = processed(on, &settings, frames).map_err(|e| format!("{value}: {e}"))?;
-            note(found.error as usize, format!("{value}: {}", found.what));
+        match with(bases(key)[0], key, value)? {
+            Ok(_) => taken.push(value.as_str()),
+            Err(text) => {
+                broken.rule(text.contains(name), || format!("{value}: {text}"));
+                refused.push(value.as_str());
+            }
         }
-        if was_refused { refused.push(value.as_str()) } else { taken.push(value.as_str()) }
     }
-    let what = first.unwrap_or(format!("taken {}; refused {}", taken.join(" "), refused.join(" ")));
-    Ok(Found::broken(broken, what))
+    let (tried, bases) = match (on, &taken[..]) {
+        (Device::Gpu(_), [first, .., last]) => (vec![*first, *last], &bases(key)[..1]),
+        (Device::Gpu(_), _) => (taken.clone(), &bases(key)[..1]),
+        (Device::Cpu, _) => (taken.clone(), bases(key)),
+    };
+    for value in tried {
+        for base in bases {
+            let settings = with(base, key, value)?.map_err(|e| format!("{value}: {e}"))?;
+            let found = processed(on, &settings, frames).map_err(|e| format!("{value}: {e}"))?;
+            broken.values(found.error as usize, || format!("{value}: {}", found.what));
+        }
+    }
+    let told = format!("taken {}; refused {}", taken.join(" "), refused.join(" "));
+    Ok(Found::broken(broken.count, broken.first.unwrap_or(told)))
 }
 
 fn processed(on: Device<'_>, settings: &Settings, frames: &[RawFrame]) -> Outcome {
