@@ -1,6 +1,7 @@
 //! All settings of a run as one value. Presets are differences from the defaults, see [`presets`].
 
 pub mod presets;
+mod ranges;
 
 use crate::capture::InputParams;
 use crate::compositing::CompositingParams;
@@ -92,68 +93,7 @@ impl Settings {
 
     /// All problems at once; a checked value is trusted afterwards.
     pub fn validate(&self) -> Result<(), SettingsError> {
-        let mut problems = Vec::new();
-        let mut need = |ok: bool, text: &str| {
-            if !ok {
-                problems.push(text.to_owned());
-            }
-        };
-        let (i, v, s, g) = (&self.input, &self.volume, &self.surface, &self.dyn_geo);
-        let (t, x, l, c) = (&self.tracking, &self.transfer, &self.light, &self.compositing);
-        need(
-            i.min_depth_m >= 0.0 && i.max_depth_m > i.min_depth_m && i.max_depth_m <= 65.535,
-            "input.min_depth_m and max_depth_m: 0 <= min < max <= 65.535",
-        );
-        need(
-            (1..=5).contains(&t.iterations.len()) && t.iterations.iter().all(|&n| n <= 100),
-            "tracking.iterations: 1 to 5 levels of at most 100",
-        );
-        need(positive(t.max_distance_m), "tracking.max_distance_m: above 0");
-        need(positive(t.max_angle_rad), "tracking.max_angle_rad: above 0");
-        need(
-            v.resolution % 8 == 0 && (8..=512).contains(&v.resolution),
-            "volume.resolution: a multiple of 8 from 8 to 512",
-        );
-        need(positive(v.side_m) && v.side_m <= 100.0, "volume.side_m: above 0, at most 100");
-        need(v.truncation_m >= 0.0 && v.truncation_m.is_finite(), "volume.truncation_m: 0 or more");
-        need(v.max_weight >= 1, "volume.max_weight: at least 1");
-        need(
-            (8..=2048).contains(&s.auxiliary_resolution),
-            "surface.auxiliary_resolution: 8 to 2048",
-        );
-        need(
-            [g.merge_window, g.smooth_window, g.denoise_window]
-                .iter()
-                .all(|k| (1..=64).contains(k)),
-            "dyn_geo windows: 1 to 64",
-        );
-        need((1..=5).contains(&g.taps), "dyn_geo.taps: 1 to 5");
-        need(positive(g.intensity_threshold), "dyn_geo.intensity_threshold: above 0");
-        need(positive(g.depth_threshold_m), "dyn_geo.depth_threshold_m: above 0");
-        if let Err(error) = x.check() {
-            need(false, &error.to_string());
-        }
-        if let Err(error) = self.bounce.check_with(x) {
-            need(false, &error.to_string());
-        }
-        need(matches!(x.subsampling, 1 | 2 | 4 | 8), "transfer.subsampling: 1, 2, 4 or 8");
-        need(l.tikhonov >= 0.0 && l.tikhonov.is_finite(), "light.tikhonov: 0 or more");
-        need((0.0..1.0).contains(&l.memory), "light.memory: 0 up to, not including, 1");
-        need(
-            0.0 <= l.min_encoded && l.min_encoded < l.max_encoded,
-            "light.min_encoded and max_encoded: 0 <= min < max",
-        );
-        need(l.stride >= 1, "light.stride: at least 1");
-        need(l.huber >= 0.0 && l.huber.is_finite(), "light.huber: 0 or more");
-        need(positive(l.change_threshold), "light.change_threshold: above 0");
-        need((0.0..=1.0).contains(&l.hidden_radiance), "light.hidden_radiance: 0 to 1");
-        need(
-            l.at.is_none_or(|at| at.iter().all(|v| v.is_finite())),
-            "light.at: three finite numbers",
-        );
-        need(l.mean_albedo > 0.0 && l.mean_albedo <= 1.0, "light.mean_albedo: above 0, at most 1");
-        need(c.gauss_radius <= 64, "compositing.gauss_radius: at most 64");
-        need(positive(c.depth_tolerance), "compositing.depth_tolerance: above 0");
+        let problems = ranges::problems(self);
         if problems.is_empty() { Ok(()) } else { Err(SettingsError::OutOfRange(problems)) }
     }
 
@@ -165,10 +105,6 @@ impl Settings {
     fn table(&self) -> toml::Table {
         toml::Table::try_from(self).expect("settings are plain data")
     }
-}
-
-fn positive(v: f32) -> bool {
-    v > 0.0 && v.is_finite()
 }
 
 fn unknown_key(key: &str, parent: &str, table: &toml::Table) -> SettingsError {

@@ -20,14 +20,14 @@ pub use fallback::{OpenDevice, WithFallback};
 pub use inspect::{ObjectBuffers, StageBuffers};
 #[cfg(feature = "gpu")]
 pub use on_gpu::GpuPipeline;
-pub use origin::WorldOrigin;
+pub use origin::{FARTHEST_M, WorldOrigin};
 
 use crate::capture::{InputStage, RawFrame, RgbdFrame};
 use crate::compositing::{ComposeInput, CompositingStage, ShadingBuffers};
 use crate::config::Settings;
 use crate::fusion::{SurfaceStage, TsdfVolume};
 use crate::geometry::{DynGeo, GBuffer};
-use crate::image::Image;
+use crate::image::{Image, Size};
 use crate::lighting::{LightEstimate, LightEstimator, ShLight};
 use crate::math::{Pinhole, Pose, View};
 use crate::mesh::TriangleMesh;
@@ -46,6 +46,10 @@ pub enum PipelineError {
     Fixed { section: &'static str },
     #[error("frame {frame}: the camera is lost ({reason}) and tracking.on_lost is \"stop\"")]
     Lost { frame: usize, reason: String },
+    #[error("the camera {0}")]
+    Camera(String),
+    #[error("frame {frame}: colour is {color}, depth {depth}; both must be pictures of one camera")]
+    Pictures { frame: usize, color: Size, depth: Size },
     #[error(transparent)]
     Volume(#[from] crate::fusion::FusionError),
     #[error(transparent)]
@@ -132,6 +136,7 @@ impl Pipeline {
         camera: Pinhole,
         scene: VirtualScene,
     ) -> Result<Self, PipelineError> {
+        shared::check_camera(&camera)?;
         let view = View::perspective(camera, Pose::identity());
         Ok(Self {
             input: InputStage::new(&settings.input),
@@ -196,9 +201,11 @@ impl Pipeline {
         mut times: StageTimes,
     ) -> Result<FrameOutcome, PipelineError> {
         let (start, before) = (Instant::now(), times.update());
-        let recorded_pose = raw.world_from_camera;
-        let origin = shared::local_world(&mut self.origin, &mut self.scene, recorded_pose);
-        raw.world_from_camera = recorded_pose.map(|pose| origin.local_from_world(&pose));
+        shared::check_frame(&raw)?;
+        let origin = shared::local_world(&mut self.origin, &mut self.scene, raw.world_from_camera);
+        let pose_in_world = raw.world_from_camera.take();
+        raw.world_from_camera = pose_in_world.and_then(|pose| origin.local_camera(&pose));
+        let recorded_pose = pose_in_world.filter(|_| raw.world_from_camera.is_some());
 
         times.measure(Stage::Input, || self.input.prepare(raw, &mut self.last.frame));
         let tracking = times.measure(Stage::Reconstruct, || self.reconstruct())?;

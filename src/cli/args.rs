@@ -199,10 +199,10 @@ pub struct ObjectArgs {
     #[arg(long, value_name = "U,V,FRAME", value_parser = parse_anchor)]
     pub on: Option<(f32, f32, usize)>,
     /// Turn of the object about its upright axis, degrees.
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, default_value_t = 0.0, value_parser = parse_number, allow_hyphen_values = true)]
     pub yaw: f32,
     /// Size factor of the object.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, value_parser = parse_scale, allow_hyphen_values = true)]
     pub scale: f32,
     /// TOML file that places several objects.
     #[arg(long, value_name = "FILE.toml", conflicts_with = "no_object")]
@@ -317,6 +317,17 @@ pub(super) fn parse_numbers<const N: usize>(text: &str) -> Result<[f32; N], Stri
         return Err(format!("'{text}': numbers must be finite"));
     }
     values.try_into().map_err(|v: Vec<f32>| format!("{} numbers given, {N} expected", v.len()))
+}
+
+fn parse_number(text: &str) -> Result<f32, String> {
+    parse_numbers(text).map(|[number]| number)
+}
+
+fn parse_scale(text: &str) -> Result<f32, String> {
+    match parse_number(text)? {
+        scale if scale > 0.0 => Ok(scale),
+        scale => Err(format!("{scale} is no size: it must be above 0")),
+    }
 }
 
 fn parse_vec3(text: &str) -> Result<[f32; 3], String> {
@@ -452,6 +463,10 @@ mod tests {
         assert!(parse_vec3("1,2").is_err() && parse_vec3("1,2,inf").is_err());
         assert_eq!(parse_anchor("320,240,0"), Ok((320.0, 240.0, 0)));
         assert!(parse_anchor("320,240,0.5").is_err());
+        assert_eq!((parse_scale("0.5"), parse_number("-90")), (Ok(0.5), Ok(-90.0)));
+        for bad in ["0", "-1", "nan", "inf", "1,2", "big"] {
+            assert!(parse_scale(bad).is_err(), "{bad}");
+        }
         let cli =
             Cli::try_parse_from(["kinlight", "replay", "--object", "a.glb", "--at", "-1,2,3"]);
         let Command::Replay(args) = cli.unwrap().command else { panic!() };

@@ -3,6 +3,10 @@
 use super::block::SIDE;
 use super::{FusionError, VolumeParams};
 use glam::Vec3;
+use std::ops::RangeInclusive;
+
+/// Smaller, and voxels of 512 a side are no longer apart in f32 a few metres from the origin.
+const SIDES_M: RangeInclusive<f32> = 1e-3..=100.0;
 
 /// A world-aligned cube of voxels.
 ///
@@ -58,31 +62,51 @@ impl Lattice {
 
 /// All problems at once, else the truncation distance.
 fn check(params: &VolumeParams, centre: Vec3) -> Result<f32, FusionError> {
-    let VolumeParams { side_m, resolution, truncation_m, max_weight, free_weight, .. } = *params;
-    let mut problems = Vec::new();
-    if !(side_m.is_finite() && side_m > 0.0) {
-        problems.push(format!("side_m is {side_m}, must be above 0"));
-    }
-    if !(8..=512).contains(&resolution) || !resolution.is_multiple_of(8) {
-        problems.push(format!("resolution is {resolution}, must be a multiple of 8 from 8 to 512"));
-    }
-    if !(1..=1024).contains(&max_weight) {
-        problems.push(format!("max_weight is {max_weight}, must be from 1 to 1024"));
-    }
-    if free_weight == 0 {
-        problems.push("free_weight is 0, must be at least 1".into());
-    }
+    let mut problems = params.problems();
     if !centre.is_finite() {
         problems.push(format!("centre is {centre}, must be finite"));
     }
-    let voxel_m = side_m / resolution as f32;
-    let truncation = if truncation_m == 0.0 { (4.0 * voxel_m).max(0.02) } else { truncation_m };
-    // Nearer than a diagonal, a surface between voxels may have no voxel of either sign beside it.
-    let least = 3f32.sqrt() * voxel_m;
-    if problems.is_empty() && !(least..=side_m.max(0.02)).contains(&truncation) {
-        problems.push(format!(
-            "truncation_m is {truncation}, must be from {least} (a voxel's diagonal) to side_m {side_m}"
-        ));
+    if problems.is_empty() {
+        Ok(params.truncation())
+    } else {
+        Err(FusionError::Params(problems.join("; ")))
     }
-    if problems.is_empty() { Ok(truncation) } else { Err(FusionError::Params(problems.join("; "))) }
+}
+
+impl VolumeParams {
+    /// The truncation distance in use, metres.
+    fn truncation(&self) -> f32 {
+        let voxel_m = self.side_m / self.resolution as f32;
+        if self.truncation_m == 0.0 { (4.0 * voxel_m).max(0.02) } else { self.truncation_m }
+    }
+
+    /// Everything that is out of range, each beginning with the parameter's name.
+    pub(crate) fn problems(&self) -> Vec<String> {
+        let Self { side_m, resolution, max_weight, free_weight, .. } = *self;
+        let mut problems = Vec::new();
+        if !SIDES_M.contains(&side_m) {
+            let (least, most) = (SIDES_M.start(), SIDES_M.end());
+            problems.push(format!("side_m is {side_m}, must be above 0, from {least} to {most}"));
+        }
+        if !(8..=512).contains(&resolution) || !resolution.is_multiple_of(8) {
+            problems.push(format!(
+                "resolution is {resolution}, must be a multiple of 8 from 8 to 512"
+            ));
+        }
+        if !(1..=1024).contains(&max_weight) {
+            problems.push(format!("max_weight is {max_weight}, must be from 1 to 1024"));
+        }
+        if free_weight == 0 {
+            problems.push("free_weight is 0, must be at least 1".into());
+        }
+        // Nearer than a diagonal, a surface between voxels may have no voxel of either sign beside it.
+        let least = 3f32.sqrt() * side_m / resolution as f32;
+        let truncation = self.truncation();
+        if problems.is_empty() && !(least..=side_m.max(0.02)).contains(&truncation) {
+            problems.push(format!(
+                "truncation_m is {truncation}, must be 0 or from {least} (a voxel's diagonal) to side_m {side_m}"
+            ));
+        }
+        problems
+    }
 }

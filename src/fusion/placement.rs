@@ -26,7 +26,11 @@ pub fn place_centre(frame: &RgbdFrame, view: &View, side_m: f32) -> Option<Vec3>
     if frame.depth_m.size() != view.size() || !(side_m > 0.0 && side_m.is_finite()) {
         return None;
     }
-    let mut points = seen_points(&frame.depth_m, view);
+    let mut points = seen_points(&frame.depth_m, view, STRIDE);
+    if points.len() < FEWEST {
+        // A small picture, or one whose holes lie in step with what was looked at.
+        points = seen_points(&frame.depth_m, view, 1);
+    }
     if points.len() < FEWEST {
         return None;
     }
@@ -42,10 +46,10 @@ pub fn place_centre(frame: &RgbdFrame, view: &View, side_m: f32) -> Option<Vec3>
 }
 
 /// In view axes.
-fn seen_points(depth_m: &Image<f32>, view: &View) -> Vec<Vec3> {
+fn seen_points(depth_m: &Image<f32>, view: &View, stride: usize) -> Vec<Vec3> {
     let mut points = Vec::new();
-    for y in (0..depth_m.height()).step_by(STRIDE) {
-        for (x, &depth) in depth_m.row(y).iter().enumerate().step_by(STRIDE) {
+    for y in (0..depth_m.height()).step_by(stride) {
+        for (x, &depth) in depth_m.row(y).iter().enumerate().step_by(stride) {
             if depth > 0.0 && depth.is_finite() {
                 points.push(view.unproject(Vec2::new(x as f32, y as f32), depth));
             }
@@ -100,6 +104,13 @@ mod tests {
         assert!((centre.z - 3.0 - 1.9).abs() < 1e-5, "{centre}");
         // what lies within reach is seen left of the middle
         assert!(centre.x < 1.0, "{centre}");
+    }
+
+    #[test]
+    fn holes_in_step_with_what_is_looked_at_hide_no_wall() {
+        let (frame, view) = frame(|x, y| if (x + y) % 2 == 1 { 1.5 } else { 0.0 });
+        let centre = place_centre(&frame, &view, 2.0).unwrap();
+        assert!((centre - Vec3::new(1.0, 2.0, 4.5)).length() < 0.02, "{centre}");
     }
 
     #[test]

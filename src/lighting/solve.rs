@@ -8,6 +8,9 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 /// in f32 over short chunks.
 const RANK_TOLERANCE: f64 = 1e-7;
 
+/// What f64 can tell from infinite.
+const MAX_CONDITION: f64 = 1e16;
+
 /// Least squares with a quadratic penalty, (N + P) l = b with diagonal P: every coefficient is believed to
 /// be near zero, the more so in high bands.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,9 +114,11 @@ pub fn spectrum(equations: &NormalEquations) -> Spectrum {
     let values = DMatrix::from_row_slice(n, n, &equations.gram).symmetric_eigenvalues();
     let largest = values.max();
     let limit = RANK_TOLERANCE * largest;
+    // Not the quotient with 1e-16 of the largest, which rounding lifts above the limit.
+    let condition = if largest > 0.0 { largest / values.min().max(f64::MIN_POSITIVE) } else { MAX_CONDITION };
     Spectrum {
         rank: values.iter().filter(|&&v| v > limit).count(),
-        condition: if largest > 0.0 { largest / values.min().max(1e-16 * largest) } else { 1e16 },
+        condition: condition.min(MAX_CONDITION),
     }
 }
 
@@ -171,6 +176,9 @@ mod tests {
         let s = spectrum(&equations(&[8.0, 0.0, 0.0, 2.0], &[0.0; 2]));
         assert_eq!((s.rank, s.condition), (2, 4.0));
         let s = spectrum(&equations(&[8.0, 0.0, 0.0, 0.0], &[0.0; 2]));
+        assert_eq!((s.rank, s.condition), (1, 1e16));
+        // 3 over 1e-16 times 3 is above 1e16
+        let s = spectrum(&equations(&[3.0, 0.0, 0.0, 0.0], &[0.0; 2]));
         assert_eq!((s.rank, s.condition), (1, 1e16));
         assert_eq!(spectrum(&equations(&[0.0; 4], &[0.0; 2])).rank, 0);
     }

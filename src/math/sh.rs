@@ -134,7 +134,12 @@ pub fn basis_lanes<const L: usize>(
 /// Unit vector towards the light from band 1 of a light; `None` where band 1 is zero.
 pub fn dominant_direction(coefficients: &[f32]) -> Option<Vec3> {
     let [_, y, z, x, ..] = *coefficients else { return None };
-    Vec3::new(x, y, z).try_normalize()
+    let band = Vec3::new(x, y, z);
+    // Squares of what is very dim or bright leave the range in which f32 is precise.
+    match (1e-30..1e30).contains(&band.length_squared()) {
+        true => band.try_normalize(),
+        false => (band / band.abs().max_element()).try_normalize(),
+    }
 }
 
 #[cfg(test)]
@@ -236,5 +241,13 @@ mod tests {
             assert!(found.dot(towards) > 0.999_999);
         }
         assert!(dominant_direction(&[1.0, 0.0, 0.0, 0.0]).is_none());
+        assert!(dominant_direction(&[1.0, 0.0, f32::NAN, 0.0]).is_none());
+        for scale in [1e-44, 1e-20, 1e20, 1e38] {
+            let found = dominant_direction(&[0.0, 0.6 * scale, 0.0, 0.8 * scale]).unwrap();
+            // 1e-44 is seven steps of the smallest f32
+            let rounding = if scale < 1e-40 { 0.1 } else { 1e-6 };
+            assert!(found.distance(Vec3::new(0.8, 0.6, 0.0)) < rounding, "{scale}: {found}");
+            assert!((found.length() - 1.0).abs() < 1e-6, "{scale}: {found}");
+        }
     }
 }

@@ -22,6 +22,21 @@ impl Pinhole {
         Size::new(self.width, self.height)
     }
 
+    /// What keeps it from being one.
+    pub fn check(&self) -> Result<(), String> {
+        let Self { fx, fy, cx, cy, .. } = *self;
+        if self.size().pixels() == 0 {
+            return Err(format!("has pictures of {}", self.size()));
+        }
+        if !([fx, fy].iter().all(|f| *f > 0.0 && f.is_finite())) {
+            return Err(format!("has focal lengths {fx} and {fy}; both must be above 0 and finite"));
+        }
+        match cx.is_finite() && cy.is_finite() {
+            true => Ok(()),
+            false => Err(format!("has its principal point at {cx}, {cy}; both must be finite")),
+        }
+    }
+
     /// The camera of an image made by averaging 2x2 pixels `level` times.
     pub fn halved(&self, level: u32) -> Self {
         let s = 0.5f32.powi(level as i32);

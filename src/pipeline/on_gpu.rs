@@ -77,6 +77,7 @@ impl GpuPipeline {
         camera: Pinhole,
         scene: VirtualScene,
     ) -> Result<Self, PipelineError> {
+        shared::check_camera(&camera)?;
         let size = camera.size();
         let view = View::perspective(camera, Pose::identity());
         let step = grid_step(&settings.transfer);

@@ -6,6 +6,12 @@ use nalgebra::{Translation3, Vector3};
 /// Steps of the moved origin, metres. A whole number, so that moving there and back is exact.
 const STEP_M: f64 = 8.0;
 
+/// Nothing of a run is further from where it began: f32 has steps of 6 cm there.
+pub const FARTHEST_M: f64 = 1e6;
+
+/// How far a quaternion's length may be from 1.
+const ROUNDING: f64 = 1e-6;
+
 /// A translation of the world's origin to near the first camera; axes stay.
 ///
 /// At 10 km an f32 has steps of 1 mm; within 8 m of the origin they are below 1 micrometre.
@@ -28,6 +34,14 @@ impl WorldOrigin {
         Translation3::from(self.world_from_local) * pose
     }
 
+    /// As [`Self::local_from_world`], for a pose that a camera of this run can have: finite, rigid, and
+    /// within [`FARTHEST_M`].
+    pub fn local_camera(&self, world_from_camera: &Pose) -> Option<Pose> {
+        let local = self.local_from_world(world_from_camera);
+        let near = local.translation.vector.iter().all(|v| v.abs() <= FARTHEST_M);
+        (near && is_rigid(world_from_camera)).then_some(local)
+    }
+
     /// A point of the world in local axes.
     pub fn local_point(&self, point_in_world: [f64; 3]) -> glam::Vec3 {
         let p = Vector3::from(point_in_world) - self.world_from_local;
@@ -37,6 +51,12 @@ impl WorldOrigin {
     pub fn offset(&self) -> [f64; 3] {
         self.world_from_local.into()
     }
+}
+
+/// Whether all is finite and the quaternion one of a rotation.
+pub fn is_rigid(pose: &Pose) -> bool {
+    let finite = pose.translation.vector.iter().all(|v| v.is_finite());
+    finite && (pose.rotation.coords.norm() - 1.0).abs() <= ROUNDING
 }
 
 #[cfg(test)]
@@ -54,5 +74,19 @@ mod tests {
         assert_eq!(origin.world_from_local(&local), pose);
         let near = Pose::translation(1.5, -7.9, 0.2);
         assert_eq!(WorldOrigin::near(&near).offset(), [0.0; 3]);
+    }
+
+    #[test]
+    fn only_rigid_poses_within_reach_are_those_of_a_camera() {
+        let origin = WorldOrigin::near(&Pose::translation(10_003.25, -8.5, 3.0));
+        let at = |x: f64| Pose::translation(x, 0.0, 0.0);
+        for (x, local) in [(10_000.0, true), (0.0, true), (1.02e6, false), (f64::NAN, false)] {
+            assert_eq!(origin.local_camera(&at(x)).is_some(), local, "{x}");
+        }
+        for w in [0.0, 2.0, f64::NAN, f64::INFINITY] {
+            let q = nalgebra::Quaternion::new(w, 0.0, 0.0, 0.0);
+            let turned = Pose::from_parts(at(1e4).translation, UnitQuaternion::new_unchecked(q));
+            assert!(origin.local_camera(&turned).is_none(), "{w}");
+        }
     }
 }

@@ -1,11 +1,12 @@
 //! What the pipeline decides on the host, wherever the stages run.
 
+use super::origin::is_rigid;
 use super::{PipelineError, WorldOrigin};
-use crate::capture::RgbdFrame;
+use crate::capture::{RawFrame, RgbdFrame};
 use crate::config::Settings;
 use crate::fusion::place_centre;
 use crate::lighting::ShLight;
-use crate::math::{Pose, View, sh};
+use crate::math::{Pinhole, Pose, View, sh};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Model, Similarity, VirtualScene};
 use crate::tracking::{OnLost, Tracking, TrackingParams, TrackingState};
@@ -19,10 +20,25 @@ pub fn local_world(
     recorded_pose: Option<Pose>,
 ) -> WorldOrigin {
     *origin.get_or_insert_with(|| {
-        let origin = WorldOrigin::near(&recorded_pose.unwrap_or_default());
+        let rigid = recorded_pose.filter(is_rigid);
+        let origin = WorldOrigin::near(&rigid.unwrap_or_default());
         scene.translate(origin.local_point([0.0; 3]));
         origin
     })
+}
+
+/// Whether frames of this camera can be processed.
+pub fn check_camera(camera: &Pinhole) -> Result<(), PipelineError> {
+    camera.check().map_err(PipelineError::Camera)
+}
+
+/// Whether both pictures of a frame show the same.
+pub fn check_frame(raw: &RawFrame) -> Result<(), PipelineError> {
+    let (color, depth) = (raw.color.size(), raw.depth_m.size());
+    match color == depth {
+        true => Ok(()),
+        false => Err(PipelineError::Pictures { frame: raw.index, color, depth }),
+    }
 }
 
 /// Whether the map has to be emptied after this frame.
@@ -81,10 +97,14 @@ pub fn may_change(from: &Settings, to: &Settings) -> Result<(), PipelineError> {
     }
 }
 
-/// A light without the bands that the transfer does not have.
+/// A light without the bands that the transfer does not have. Coefficients that it lacks or that are not
+/// finite are dark.
 pub fn with_bands(mut light: ShLight, most: usize) -> ShLight {
     light.bands = light.bands.min(most);
-    light.coefficients.truncate(sh::coefficients(light.bands));
+    light.coefficients.resize(sh::coefficients(light.bands), [0.0; 3]);
+    for value in light.coefficients.as_flattened_mut() {
+        *value = if value.is_finite() { *value } else { 0.0 };
+    }
     light
 }
 

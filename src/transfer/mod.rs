@@ -148,6 +148,10 @@ impl Default for TransferParams {
     }
 }
 
+/// Longer is no distance in a room; squares of what is longer would leave f32.
+const MAX_LENGTH_M: f32 = 1000.0;
+const LENGTH: &str = "above 0, at most 1000";
+
 /// A parameter outside its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{field} is {value}; it must be {allowed}")]
@@ -169,7 +173,7 @@ fn allowed(
 impl TransferParams {
     /// The first parameter that is out of range.
     pub fn check(&self) -> Result<(), TransferError> {
-        let positive = |v: f32| v > 0.0 && v.is_finite();
+        let length = |v: f32| v > 0.0 && v <= MAX_LENGTH_M;
         allowed((1..=MAX_BANDS).contains(&self.bands), "transfer.bands", &self.bands, "1 to 6")?;
         allowed(
             (4..=1024).contains(&self.directions),
@@ -178,9 +182,9 @@ impl TransferParams {
             "4 to 1024",
         )?;
         allowed((1..=16).contains(&self.samples), "transfer.samples", &self.samples, "1 to 16")?;
-        allowed(positive(self.radius_m), "transfer.radius_m", &self.radius_m, "positive")?;
+        allowed(length(self.radius_m), "transfer.radius_m", &self.radius_m, LENGTH)?;
         allowed(
-            positive(self.nearest_m) && self.nearest_m <= self.radius_m,
+            length(self.nearest_m) && self.nearest_m <= self.radius_m,
             "transfer.nearest_m",
             &self.nearest_m,
             "positive, at most radius_m",
@@ -192,10 +196,10 @@ impl TransferParams {
             "1 to 64",
         )?;
         allowed(
-            self.bias_m >= 0.0 && self.bias_m.is_finite(),
+            (0.0..=MAX_LENGTH_M).contains(&self.bias_m),
             "transfer.bias_m",
             &self.bias_m,
-            "0 or more",
+            "0 to 1000",
         )?;
         allowed(
             (1..=16).contains(&self.jitter_tile),
@@ -204,16 +208,16 @@ impl TransferParams {
             "1 to 16",
         )?;
         allowed(
-            positive(self.ray_length_m),
+            length(self.ray_length_m),
             "transfer.ray_length_m",
             &self.ray_length_m,
-            "positive",
+            LENGTH,
         )?;
         allowed(
-            positive(self.refine_depth_m),
+            length(self.refine_depth_m),
             "transfer.refine_depth_m",
             &self.refine_depth_m,
-            "positive",
+            LENGTH,
         )?;
         allowed(
             self.refine_angle_deg > 0.0 && self.refine_angle_deg < 90.0,
@@ -257,8 +261,8 @@ impl Default for BounceParams {
 impl BounceParams {
     /// The first parameter that is out of range.
     pub fn check(&self) -> Result<(), TransferError> {
-        let ok = self.strength >= 0.0 && self.strength.is_finite();
-        allowed(ok, "bounce.strength", &self.strength, "0 or more")
+        let ok = (0.0..=1000.0).contains(&self.strength);
+        allowed(ok, "bounce.strength", &self.strength, "0 to 1000")
     }
 
     /// The first parameter that is out of range or does not go with the transfer.

@@ -17,8 +17,18 @@ pub enum Device<'g> {
 pub enum On {
     /// Both, from one body.
     Both,
+    /// The GPU alone: limits that only it has.
+    Gpu,
     /// What both share and the host computes: parameters, solves, files.
     Host,
+}
+
+/// How rows are printed.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub enum Layout {
+    #[default]
+    Columns,
+    Markdown,
 }
 
 /// The largest error that a case met, and what it may be. Cases without a number (nothing panics, nothing is
@@ -64,23 +74,26 @@ pub type Outcome = Result<Found, String>;
 pub struct Table {
     gpu: Option<Arc<Gpu>>,
     filter: Option<String>,
+    layout: Layout,
     passed: usize,
     failed: Vec<String>,
     skipped: usize,
 }
 
 impl Table {
-    /// `filter`: only cases whose stage or name contain it.
-    pub fn new(filter: Option<String>) -> Self {
-        let gpu = Gpu::open(&AdapterChoice::Best)
-            .inspect_err(|error| println!("no GPU: {error}"))
-            .ok()
-            .map(Arc::new);
-        println!(
-            "{:<12} {:<58} {:<5} {:<6} {:>11} {:>11}  what",
-            "stage", "case", "on", "", "error", "bound"
-        );
-        Self { gpu, filter, ..Self::default() }
+    /// `filter`: only cases whose stage or name contain it. Without a GPU, cases for it are skipped.
+    pub fn new(filter: Option<String>, layout: Layout, with_gpu: bool) -> Self {
+        let gpu = if with_gpu { open_gpu() } else { None };
+        match layout {
+            Layout::Columns => println!(
+                "{:<12} {:<58} {:<5} {:<6} {:>11} {:>11}  what",
+                "stage", "case", "on", "", "error", "bound"
+            ),
+            Layout::Markdown => println!(
+                "| stage | case | on | | error | bound | what |\n| --- | --- | --- | --- | --- | --- | --- |"
+            ),
+        }
+        Self { gpu, filter, layout, ..Self::default() }
     }
 
     pub fn case(
@@ -99,15 +112,25 @@ impl Table {
             On::Host => self.run(stage, name, "host", &|| body(Device::Cpu)),
             On::Both => {
                 self.run(stage, name, "cpu", &|| body(Device::Cpu));
-                match self.gpu.take() {
-                    Some(gpu) => {
-                        self.run(stage, name, "gpu", &|| body(Device::Gpu(&gpu)));
-                        self.gpu = Some(gpu);
-                    }
-                    None => self.skip(stage, name),
-                }
+                self.run_on_gpu(stage, name, &body);
             }
+            On::Gpu => self.run_on_gpu(stage, name, &body),
         }
+    }
+
+    /// A device that a case has broken fails that case, and is opened anew for the next.
+    fn run_on_gpu(&mut self, stage: &str, name: &str, body: &dyn Fn(Device<'_>) -> Outcome) {
+        let Some(gpu) = self.gpu.take() else {
+            self.row([stage, name, "gpu", "SKIPPED", "-", "-", "no graphics device"]);
+            self.skipped += 1;
+            return;
+        };
+        self.run(stage, name, "gpu", &|| {
+            let found = body(Device::Gpu(&gpu))?;
+            gpu.check().map_err(|error| format!("the device: {error}"))?;
+            Ok(found)
+        });
+        self.gpu = if gpu.check().is_ok() { Some(gpu) } else { open_gpu() };
     }
 
     fn run(&mut self, stage: &str, name: &str, on: &str, body: &dyn Fn() -> Outcome) {
@@ -118,29 +141,36 @@ impl Table {
             Err(format!("panicked: {}", text.unwrap_or("without a word")))
         });
         let took_s = began.elapsed().as_secs_f64();
-        let (verdict, numbers, what) = match &outcome {
-            Ok(found) => (
-                if found.holds() { "ok" } else { "FAILED" },
-                format!("{:>11.3e} {:>11.3e}", found.error, found.bound),
-                found.what.as_str(),
-            ),
-            Err(why) => ("FAILED", format!("{:>11} {:>11}", "-", "-"), why.as_str()),
+        let holds = outcome.as_ref().is_ok_and(Found::holds);
+        let number = |v: f64| if v == 0.0 { "0".to_owned() } else { format!("{v:.3e}") };
+        let (error, bound, what) = match &outcome {
+            Ok(found) => (number(found.error), number(found.bound), found.what.as_str()),
+            Err(why) => ("-".to_owned(), "-".to_owned(), why.as_str()),
         };
         let slow = if took_s > 5.0 { format!(" ({took_s:.0} s)") } else { String::new() };
-        println!("{stage:<12} {name:<58} {on:<5} {verdict:<6} {numbers}  {what}{slow}");
-        match verdict {
-            "ok" => self.passed += 1,
-            _ => self.failed.push(format!("{stage}: {name} ({on})")),
+        let verdict = if holds { "ok" } else { "FAILED" };
+        self.row([stage, name, on, verdict, &error, &bound, &format!("{what}{slow}")]);
+        match holds {
+            true => self.passed += 1,
+            false => self.failed.push(format!("{stage}: {name} ({on})")),
         }
     }
 
-    fn skip(&mut self, stage: &str, name: &str) {
-        println!("{stage:<12} {name:<58} gpu   SKIPPED: no graphics device");
-        self.skipped += 1;
+    fn row(&self, [stage, name, on, verdict, error, bound, what]: [&str; 7]) {
+        match self.layout {
+            Layout::Columns => println!(
+                "{stage:<12} {name:<58} {on:<5} {verdict:<6} {error:>11} {bound:>11}  {what}"
+            ),
+            Layout::Markdown => {
+                let cells = [stage, name, on, verdict, error, bound, what];
+                println!("| {} |", cells.map(|cell| cell.replace('|', "\\|")).join(" | "));
+            }
+        }
     }
 
     /// Whether all is well: skipped cases are not where a device is required.
     pub fn finish(self) -> bool {
+        println!();
         for failed in &self.failed {
             println!("failed: {failed}");
         }
@@ -149,4 +179,9 @@ impl Table {
         let required = std::env::var("KINLIGHT_REQUIRE_GPU").is_ok_and(|v| v == "1");
         self.failed.is_empty() && passed > 0 && !(required && skipped > 0)
     }
+}
+
+fn open_gpu() -> Option<Arc<Gpu>> {
+    let opened = Gpu::open(&AdapterChoice::Best);
+    opened.inspect_err(|error| println!("no GPU: {error}")).ok().map(Arc::new)
 }

@@ -33,8 +33,9 @@ impl GpuPipeline {
         mut times: StageTimes,
     ) -> Result<FrameOutcome, PipelineError> {
         let (start, before) = (Instant::now(), times.update());
+        shared::check_frame(raw)?;
         let origin = shared::local_world(&mut self.origin, &mut self.scene, raw.world_from_camera);
-        let recorded_pose = raw.world_from_camera.map(|pose| origin.local_from_world(&pose));
+        let recorded_pose = raw.world_from_camera.and_then(|pose| origin.local_camera(&pose));
 
         let gpu = self.gpu.clone();
         self.traffic.start_frame(&gpu);
@@ -65,7 +66,7 @@ impl GpuPipeline {
             index: raw.index,
             timestamp_s: raw.timestamp_s,
             tracking,
-            recorded_pose: raw.world_from_camera,
+            recorded_pose: raw.world_from_camera.filter(|_| recorded_pose.is_some()),
             light,
             composed,
             times,
