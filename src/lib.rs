@@ -46,6 +46,7 @@ pub mod report;
 pub mod budget;
 pub mod calibrate;
 pub mod config;
+mod files;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod image;
