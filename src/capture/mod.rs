@@ -24,7 +24,6 @@ mod text;
 pub mod trajectory;
 
 pub use calibration::Calibration;
-pub use decode::MAX_PIXELS;
 pub(crate) use decode::color as read_color;
 pub use input::InputStage;
 #[cfg(feature = "gpu")]
@@ -45,6 +44,7 @@ mod real_data_tests;
 pub mod writer;
 
 use crate::image::Image;
+pub use crate::image::MAX_PIXELS;
 use crate::math::{Pinhole, Pose};
 use std::path::Path;
 use std::time::Duration;
