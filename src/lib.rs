@@ -47,6 +47,9 @@ pub mod budget;
 pub mod calibrate;
 pub mod config;
 mod files;
+#[cfg(any(test, fuzzing))]
+#[doc(hidden)]
+pub mod fuzzing;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod image;

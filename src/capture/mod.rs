@@ -9,6 +9,8 @@ pub mod association;
 pub mod calibration;
 mod calibration_files;
 mod decode;
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzzing;
 mod input;
 mod inspect;
 pub mod layout;
