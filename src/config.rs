@@ -52,7 +52,7 @@ impl Settings {
     pub fn merge_file(&mut self, path: &std::path::Path) -> Result<(), SettingsError> {
         let at =
             |problem: String| SettingsError::File { file: path.display().to_string(), problem };
-        let text = std::fs::read_to_string(path).map_err(|e| at(e.to_string()))?;
+        let text = crate::files::read_given_text(path).map_err(|e| at(e.to_string()))?;
         let patch: toml::Table = text.parse().map_err(|e: toml::de::Error| at(e.to_string()))?;
         let mut table = self.table();
         merge(&mut table, patch);

@@ -1,5 +1,8 @@
 //! Row-major images. Integer pixel coordinates are pixel centres.
 
+pub(crate) mod encoded;
+
+pub use encoded::MAX_PIXELS;
 use rayon::prelude::*;
 use std::ops::{Index, IndexMut};
 

@@ -50,6 +50,10 @@ pub mod budget;
 pub mod calibrate;
 pub mod config;
 pub mod diagnosis;
+mod files;
+#[cfg(any(test, fuzzing))]
+#[doc(hidden)]
+pub mod fuzzing;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod image;

@@ -62,7 +62,7 @@ impl Profile {
     pub fn read(path: &Path) -> Result<Self, BudgetError> {
         let at =
             |problem: String| BudgetError::Profile { path: path.display().to_string(), problem };
-        let text = std::fs::read_to_string(path).map_err(|e| at(e.to_string()))?;
+        let text = crate::files::read_given_text(path).map_err(|e| at(e.to_string()))?;
         Self::parse(&text).map_err(at)
     }
 

@@ -124,7 +124,7 @@ fn homography(corners: &[[f64; 2]; 4]) -> Result<Matrix3<f64>, CalibrateError> {
 /// Codes from a CSV file: 24 lines that end in `red,green,blue` of 0 to 255. Lines without numbers at
 /// their end (headings) are passed over.
 pub fn read_codes(path: &Path) -> Result<[[f64; 3]; PATCHES], CalibrateError> {
-    let content = std::fs::read_to_string(path).map_err(|e| CaptureError::io(path, e))?;
+    let content = crate::files::read_given_text(path).map_err(|e| CaptureError::io(path, e))?;
     let codes: Vec<[f64; 3]> = content.lines().filter_map(codes_of_line).collect();
     let count = codes.len();
     let in_range = codes.as_flattened().iter().all(|c| (0.0..=255.0).contains(c));

@@ -2,6 +2,8 @@
 
 use super::CalibrateError;
 use crate::capture::{CaptureError, MAX_PIXELS, read_color};
+use crate::files;
+use crate::image::encoded;
 use crate::image::{Image, Size};
 use std::path::{Path, PathBuf};
 
@@ -67,9 +69,10 @@ pub fn grey(picture: &Image<[u8; 3]>) -> Image<u8> {
     Image::from_vec(picture.size(), picture.as_slice().iter().map(mean).collect())
 }
 
-/// An exposure list: a file name and seconds in each line, `#` starts a comment.
+/// An exposure list: a file name and seconds in each line, `#` starts a comment. The pictures lie in the
+/// list's folder or below it.
 pub fn read_exposure_list(path: &Path) -> Result<Vec<(PathBuf, f64)>, CalibrateError> {
-    let content = std::fs::read_to_string(path).map_err(|e| CaptureError::io(path, e))?;
+    let content = files::read_text(path).map_err(|e| CaptureError::io(path, e))?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let mut found = Vec::new();
     for (i, line) in content.lines().enumerate() {
@@ -84,7 +87,13 @@ pub fn read_exposure_list(path: &Path) -> Result<Vec<(PathBuf, f64)>, CalibrateE
             let problem = format!("line {}: expected a file name and seconds", i + 1);
             return Err(CaptureError::file(path, problem).into());
         };
-        found.push((folder.join(name), seconds));
+        let picture = files::inside(folder, name)
+            .and_then(|picture| match files::leads_out(folder, &picture) {
+                true => Err(format!("\"{name}\" is a link that leads out of the list's folder")),
+                false => Ok(picture),
+            })
+            .map_err(|p| CaptureError::file(path, format!("line {}: {p}", i + 1)))?;
+        found.push((picture, seconds));
     }
     Ok(found)
 }
@@ -92,7 +101,7 @@ pub fn read_exposure_list(path: &Path) -> Result<Vec<(PathBuf, f64)>, CalibrateE
 /// 16-bit grey PNM as stored, binary (`P5`): the form in which raw disparities are kept. One byte a
 /// value where the largest is below 256, else two, the higher first.
 pub fn read_pgm(path: &Path) -> Result<Image<u16>, CalibrateError> {
-    let bytes = std::fs::read(path).map_err(|e| CaptureError::io(path, e))?;
+    let bytes = encoded::read(path).map_err(|e| CaptureError::io(path, e))?;
     pgm(&bytes).map_err(|problem| CaptureError::file(path, problem).into())
 }
 
@@ -118,15 +127,16 @@ fn pgm(bytes: &[u8]) -> Result<Image<u16>, String> {
         return Err(format!("{width}x{height} pixels up to {largest}"));
     }
     let data = rest.get(1..).ok_or("no pixels")?;
-    let values: Vec<u16> = if largest < 256 {
-        data.iter().map(|&b| u16::from(b)).collect()
-    } else {
-        data.as_chunks::<2>().0.iter().map(|b| u16::from_be_bytes(*b)).collect()
-    };
-    if values.len() < pixels {
-        return Err(format!("{} of {pixels} pixels: the file is cut off", values.len()));
+    let there = if largest < 256 { data.len() } else { data.len() / 2 };
+    if there < pixels {
+        return Err(format!("{there} of {pixels} pixels: the file is cut off"));
     }
-    Ok(Image::from_vec(Size::new(width, height), values[..pixels].to_vec()))
+    let values = if largest < 256 {
+        data[..pixels].iter().map(|&b| u16::from(b)).collect()
+    } else {
+        data.as_chunks::<2>().0[..pixels].iter().map(|b| u16::from_be_bytes(*b)).collect()
+    };
+    Ok(Image::from_vec(Size::new(width, height), values))
 }
 
 #[cfg(test)]
@@ -147,6 +157,31 @@ mod tests {
         assert_eq!(keys("*-d.pgm", &["pgm"]).unwrap(), ["2"]);
         assert_eq!(keys("", &COLOR_EXTENSIONS).unwrap().len(), 2);
         assert!(keys("*-e.jpg", &COLOR_EXTENSIONS).is_err());
+    }
+
+    #[test]
+    fn exposure_lists_stay_in_their_folder() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("list");
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(root.path().join("a.png"), "").unwrap();
+        let path = folder.join("list.txt");
+        let read = |content: &str| {
+            std::fs::write(&path, content).unwrap();
+            read_exposure_list(&path)
+        };
+        let good = read("# stops\na.png 0.01\nb/c d.png 0.02 # twice\n").unwrap();
+        assert_eq!(good, [(folder.join("a.png"), 0.01), (folder.join("b/c d.png"), 0.02)]);
+        for bad in ["../a.png 1\n", "/etc/a.png 1\n", "b/../../a.png 1\n"] {
+            let error = read(&format!("a.png 1\n{bad}")).unwrap_err().to_string();
+            assert!(error.contains("line 2") && error.contains("outside"), "{error}");
+        }
+        assert!(read("a.png\n").unwrap_err().to_string().contains("seconds"));
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink("../a.png", folder.join("l.png")).unwrap();
+            assert!(read("l.png 1\n").unwrap_err().to_string().contains("link"));
+        }
     }
 
     #[test]

@@ -131,6 +131,11 @@ fn lists_name_file_and_line() {
         ("intrinsics.txt", "-1 1 2 3 160 120 5000\n", "focal lengths"),
         ("intrinsics.txt", "100 100 2 3 640 360 5000\n", "cannot be scaled"),
         ("intrinsics.txt", "100 100 2 3 160 120 0\n", "depth_factor"),
+        // Zero, and infinite, where the pipeline computes.
+        ("intrinsics.txt", "1e-300 100 2 3 160 120 5000\n", "focal lengths"),
+        ("intrinsics.txt", "100 100 1e300 3 160 120 5000\n", "principal point"),
+        ("intrinsics.txt", "100 100 2 3 160 120 1e-36\n", "depth_factor"),
+        ("rgb.txt", "1e300 rgb/0.png\n", "rgb.txt:1: time stamp 1e300"),
     ] {
         let found = error(name, content);
         assert!(found.contains(words), "{name} {content:?}: {found}");
@@ -140,6 +145,53 @@ fn lists_name_file_and_line() {
     assert!(made.open().unwrap_err().to_string().contains("depth.txt"));
     made.write("rgb.txt", [0xff, 0xfe, 0x00]);
     assert!(made.open().unwrap_err().to_string().contains("not text"));
+}
+
+#[cfg(unix)]
+#[test]
+fn links_out_of_a_recording_are_refused_unless_asked_for() {
+    use std::os::unix::fs::symlink;
+    let follow = CaptureOptions { follow_links: true, ..CaptureOptions::default() };
+    // The linked file is a good one, so that only where it lies can be wrong.
+    for name in ["rgb/2.png", "depth/2.png", "rgb", "rgb.txt", "groundtruth.txt", "intrinsics.txt"]
+    {
+        let (made, elsewhere) = (five(), Made::new());
+        made.write("groundtruth.txt", "1 0 0 0 0 0 0 1\n");
+        let (here, there) = (made.path().join(name), elsewhere.path().join("moved"));
+        std::fs::rename(&here, &there).unwrap();
+        symlink(&there, &here).unwrap();
+        let error = made.open().map(|s| s.info().pairs).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains("leads out of the recording"), "{error}");
+        let mut followed = open_sequence(made.path(), &follow).unwrap();
+        assert_eq!(delivered(&mut followed), [0, 1, 2, 3, 4], "{name}");
+
+        // A link that stays inside is nobody's concern, and neither is one that is not used.
+        std::fs::remove_file(&here).unwrap();
+        std::fs::rename(&there, made.path().join("moved")).unwrap();
+        symlink("moved", &here).unwrap_or_else(|e| panic!("{name}: {e}"));
+        if name.contains('/') {
+            std::fs::remove_file(&here).unwrap();
+            symlink("../moved", &here).unwrap();
+        }
+        symlink(elsewhere.path(), made.path().join("unused")).unwrap();
+        assert_eq!(delivered(&mut made.open().unwrap()), [0, 1, 2, 3, 4], "{name}");
+    }
+
+    let made = Made::new();
+    let elsewhere = Made::new();
+    elsewhere.write("pose.txt", "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
+    made.color("frame-000000.color.png", SIZE);
+    made.flat_depth("frame-000000.depth.png");
+    symlink(elsewhere.path().join("pose.txt"), made.path().join("frame-000000.pose.txt")).unwrap();
+    assert!(made.open().unwrap_err().to_string().contains("leads out"));
+    assert_eq!(open_sequence(made.path(), &follow).unwrap().info().frames_with_pose, 1);
+
+    let made = Made::new();
+    made.color("color/0.png", SIZE);
+    made.flat_depth("depth/0.png");
+    elsewhere.write("log", "0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
+    symlink(elsewhere.path().join("log"), made.path().join("trajectory.log")).unwrap();
+    assert!(made.open().unwrap_err().to_string().contains("leads out"));
 }
 
 #[test]

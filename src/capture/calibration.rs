@@ -47,6 +47,11 @@ pub struct Calibration {
     pub photometry: Photometry,
 }
 
+/// Every stored value over it must be a finite number of metres.
+pub(super) fn usable_depth_factor(factor: f64) -> bool {
+    factor > 0.0 && (factor as f32).is_finite() && (f32::from(u16::MAX) / factor as f32).is_finite()
+}
+
 fn default_invalid_depth() -> Vec<u16> {
     vec![0, u16::MAX]
 }
@@ -136,10 +141,12 @@ impl CameraModel {
         {
             found.push(format!("{which} size {}x{}", self.width, self.height));
         }
-        if !(self.fx > 0.0 && self.fy > 0.0 && self.fx.is_finite() && self.fy.is_finite()) {
+        // As the pipeline will have them.
+        let usable = |f: f64| f > 0.0 && (f as f32).is_normal();
+        if !(usable(self.fx) && usable(self.fy)) {
             found.push(format!("{which} focal lengths {} {} are not positive", self.fx, self.fy));
         }
-        if !(self.cx.is_finite() && self.cy.is_finite()) {
+        if !((self.cx as f32).is_finite() && (self.cy as f32).is_finite()) {
             found.push(format!("{which} principal point {} {}", self.cx, self.cy));
         }
         if self.distortion.coefficients().iter().any(|c| !c.is_finite()) {
@@ -200,8 +207,11 @@ impl Calibration {
         if let Some(depth) = &self.depth {
             depth.problems("depth", &mut found);
         }
-        if self.depth_factor.is_some_and(|f| !(f > 0.0 && f.is_finite())) {
-            found.push(format!("depth_factor {:?} is not positive", self.depth_factor));
+        if self.depth_factor.is_some_and(|f| !usable_depth_factor(f)) {
+            found.push(format!(
+                "depth_factor {:?} is not positive, or too small",
+                self.depth_factor
+            ));
         }
         if self.color_from_depth.is_some_and(|r| r.pose().is_none()) {
             found.push("color_from_depth is no rigid transform".into());

@@ -31,13 +31,20 @@ pub(super) fn from_yaml(
 
 /// Deep nesting would exhaust the parser's stack, anchors its memory. No calibration has either.
 fn check_nesting(content: &str) -> Result<(), String> {
-    let mut depth = 0i32;
+    let mut depth = 0u32;
     for (i, line) in content.lines().enumerate() {
         let lead = line.trim_start_matches([' ', '-', '?', ':', '\t']);
+        let mut deepest = depth;
         for c in line.chars() {
-            depth += i32::from(matches!(c, '[' | '{')) - i32::from(matches!(c, ']' | '}'));
+            match c {
+                '[' | '{' => depth += 1,
+                // Those of a comment or of text close nothing: what opens later still counts.
+                ']' | '}' => depth = depth.saturating_sub(1),
+                _ => {}
+            }
+            deepest = deepest.max(depth);
         }
-        if depth > 16 || line.len() - lead.len() > 64 || lead.contains('&') {
+        if deepest > 16 || line.len() - lead.len() > 64 || lead.contains('&') {
             return Err(format!(
                 "line {}: nesting and anchors like this are no calibration",
                 i + 1
@@ -317,6 +324,8 @@ mod tests {
     fn hostile_yaml_is_refused_before_it_is_parsed() {
         for bad in [
             "[".repeat(100_000),
+            format!("K: {}{}", "[".repeat(100_000), "]".repeat(100_000)),
+            format!("# {}\nK: {}", "]".repeat(100_000), "[".repeat(100_000)),
             format!("{}x", "- ".repeat(100_000)),
             "a: &a [1]\nb: [*a, *a]".into(),
             "K: {".into(),

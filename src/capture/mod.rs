@@ -9,6 +9,8 @@ pub mod association;
 pub mod calibration;
 mod calibration_files;
 mod decode;
+#[cfg(any(test, fuzzing))]
+pub(crate) mod fuzzing;
 mod input;
 mod inspect;
 pub mod layout;
@@ -27,7 +29,6 @@ pub mod trajectory;
 pub mod v4l;
 
 pub use calibration::Calibration;
-pub use decode::MAX_PIXELS;
 pub(crate) use decode::color as read_color;
 pub use input::InputStage;
 #[cfg(feature = "gpu")]
@@ -48,6 +49,7 @@ mod real_data_tests;
 pub mod writer;
 
 use crate::image::Image;
+pub use crate::image::MAX_PIXELS;
 use crate::math::{Pinhole, Pose};
 use std::path::Path;
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! From decoded pictures to delivered ones: metres, rectified, registered, one camera.
 
-use super::calibration::{Calibration, Disparity, PoseOwner};
+use super::calibration::{Calibration, CameraModel, Disparity, PoseOwner};
 use super::photometry::LightCorrector;
 use super::rectify::Rectifier;
 use super::registration::Registration;
@@ -36,7 +36,7 @@ impl Rig {
         depth_factor: f64,
         warnings: &mut Vec<String>,
     ) -> Result<Self, String> {
-        let mut fit = |camera: &super::calibration::CameraModel, size: Size, which: &str| {
+        let mut fit = |camera: &CameraModel, size: Size, which: &str| {
             let fitted = camera.scaled_to(size).ok_or_else(|| {
                 let calibrated = camera.size();
                 format!("{which} pictures are {size}, the calibration is for {calibrated} and cannot be scaled")
@@ -60,6 +60,7 @@ impl Rig {
             let depth = fit(depth, depth_size, "depth")?;
             let transform = calibration.color_from_depth.and_then(|r| r.pose());
             let transform = transform.ok_or("the calibration has no color_from_depth")?;
+            check_pair(&color, &depth)?;
             Some(Registration::new(&depth, camera, &transform))
         };
         let of_depth = calibration.poses_of == PoseOwner::Depth;
@@ -142,6 +143,21 @@ impl Rig {
     }
 }
 
+/// Depth pixels are drawn as large as the colour camera sees them: work grows with the square of the ratio of
+/// focal lengths. Where one camera sees ten times as far to each side as the other, that is 100 pictures.
+fn check_pair(color: &CameraModel, depth: &CameraModel) -> Result<(), String> {
+    const MOST_PICTURES: f64 = 100.0;
+    let scale = (color.fx / depth.fx).max(color.fy / depth.fy);
+    let pictures = scale * scale * depth.size().pixels() as f64 / color.size().pixels() as f64;
+    if pictures <= MOST_PICTURES {
+        return Ok(());
+    }
+    Err(format!(
+        "focal lengths of colour ({} {}) and depth ({} {}) cannot be those of one sensor",
+        color.fx, color.fy, depth.fx, depth.fy
+    ))
+}
+
 fn same_size(which: &str, found: Size, sequence: Size) -> Result<(), String> {
     if found == sequence {
         return Ok(());
@@ -188,6 +204,27 @@ mod tests {
         let mut out = Image::default();
         metres_from_stored(&stored, Units::PerMetre(1000.0), &[0, 2047], &mut out);
         assert_eq!(out.as_slice(), [0.0, 1.234, 0.0, 65.535]);
+    }
+
+    #[test]
+    fn cameras_that_cannot_be_of_one_sensor_are_refused() {
+        // A Kinect's own, and a time-of-flight camera of 120 degrees beside a 4K telephoto lens.
+        let model = |width, height, f| CameraModel {
+            width,
+            height,
+            fx: f,
+            fy: f,
+            cx: 0.5 * width as f64,
+            cy: 0.5 * height as f64,
+            distortion: Default::default(),
+        };
+        check_pair(&model(640, 480, 520.0), &model(640, 480, 570.0)).unwrap();
+        check_pair(&model(3840, 2160, 3300.0), &model(160, 120, 46.0)).unwrap();
+        let mut narrow = model(640, 480, 570.0);
+        for f in [10.0, 1e-30] {
+            narrow.fy = f;
+            assert!(check_pair(&model(640, 480, 520.0), &narrow).unwrap_err().contains("focal"));
+        }
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub struct CaptureOptions {
     /// Depth units per metre.
     pub depth_factor: Option<f64>,
     pub calibration: Option<PathBuf>,
+    /// Read files that links in the recording's folder lead out to.
+    pub follow_links: bool,
     /// Colour and depth further apart are no pair.
     pub max_time_difference_s: f64,
     /// Pairs before this one are not delivered.
@@ -35,6 +37,7 @@ impl Default for CaptureOptions {
             depth_list: None,
             depth_factor: None,
             calibration: None,
+            follow_links: false,
             max_time_difference_s: 0.02,
             first_frame: 0,
             end_frame: None,
@@ -176,7 +179,7 @@ pub fn open_sequence(path: &Path, options: &CaptureOptions) -> Result<Sequence, 
         (None, Some(factor)) => (factor, camera_from.clone()),
         (None, None) => (layout.usual_depth_factor(), format!("usual for layout {layout}")),
     };
-    if !(depth_factor > 0.0 && depth_factor.is_finite()) {
+    if !calibration::usable_depth_factor(depth_factor) {
         return Err(CaptureError::Sequence(format!(
             "depth factor {depth_factor} must be positive"
         )));
@@ -250,7 +253,7 @@ fn end_of(pairs: usize, options: &CaptureOptions) -> Result<usize, CaptureError>
 /// what there is at most, and the duration is nominal.
 fn open_oni(path: &Path, options: &CaptureOptions) -> Result<Sequence, CaptureError> {
     let (calibration, depth_factor) = (options.calibration.clone(), options.depth_factor);
-    if let Some(factor) = depth_factor.filter(|&f| !(f > 0.0 && f.is_finite())) {
+    if let Some(factor) = depth_factor.filter(|&f| !calibration::usable_depth_factor(f)) {
         return Err(CaptureError::Sequence(format!("depth factor {factor} must be positive")));
     }
     let source = OniSource::open(path, &OniOptions { calibration, depth_factor })?;
@@ -324,7 +327,7 @@ fn find_calibration(
     if let Some(path) = &options.calibration {
         return Ok((Calibration::read(path, Some(pictures))?, path.display().to_string()));
     }
-    if let Some(own) = layout::own_calibration(layout, folder, pictures)? {
+    if let Some(own) = layout::own_calibration(layout, folder, pictures, options)? {
         return Ok(own);
     }
     // "." and "x/.." have names, too.

@@ -223,6 +223,9 @@ pub struct ReadingArgs {
     /// Another depth list or folder of the sequence, for example depth_kinect.txt.
     #[arg(long, value_name = "NAME")]
     pub depth_list: Option<String>,
+    /// Read files that links in the sequence's folder lead out to (such a link is refused otherwise).
+    #[arg(long)]
+    pub follow_links: bool,
     /// Colour and depth further apart than this are no pair.
     #[arg(long, default_value_t = 0.02, value_name = "SECONDS")]
     pub max_time_difference: f64,

@@ -86,6 +86,20 @@ fn print(text: impl std::fmt::Display) {
     }
 }
 
+/// Whether the lines of `data` are a command line; nothing is run. For fuzzing, and for the test that reads
+/// its corpus.
+#[cfg(any(test, fuzzing))]
+pub fn parses(data: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(data);
+    match Cli::try_parse_from(std::iter::once("kinlight").chain(text.lines())) {
+        Ok(cli) => !format!("{cli:?}").is_empty(),
+        Err(error) => {
+            assert!(!error.to_string().is_empty());
+            false
+        }
+    }
+}
+
 /// How much is said, and in which form.
 #[derive(Clone, Copy, Debug)]
 pub struct Talk {
@@ -127,5 +141,27 @@ impl Talk {
         }
         let style = indicatif::ProgressStyle::with_template("{prefix} {elapsed_precise}  {msg}");
         indicatif::ProgressBar::no_length().with_style(style.expect("the template is a constant"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_corpus_of_command_lines_is_parsed_without_a_panic() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/arguments");
+        if !folder.exists() {
+            println!("SKIPPED: no {}", folder.display());
+            return;
+        }
+        let (mut taken, mut refused) = (0, 0);
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            println!("{}", path.display());
+            match super::parses(&std::fs::read(&path).unwrap()) {
+                true => taken += 1,
+                false => refused += 1,
+            }
+        }
+        assert!(taken > 0 && refused > 0, "{taken} taken, {refused} refused");
     }
 }

@@ -63,7 +63,7 @@ fn own(
 ) -> Result<VirtualScene, CliError> {
     let file = sequence.map(|folder| folder.join("scene.toml")).filter(|file| file.exists());
     if let Some(file) = file {
-        return VirtualScene::load(&file).map_err(bad);
+        return VirtualScene::load_own(&file).map_err(bad);
     }
     let model = Arc::new(kinlight::synth::virtual_object::model());
     let placement = standing_at(default_pixel(source), first, yaw.to_radians(), scale);

@@ -73,6 +73,7 @@ pub fn capture_options(reading: &ReadingArgs) -> CaptureOptions {
         calibration: reading.calibration.clone(),
         depth_factor: reading.depth_factor,
         depth_list: reading.depth_list.clone(),
+        follow_links: reading.follow_links,
         max_time_difference_s: reading.max_time_difference,
         ..CaptureOptions::default()
     }

@@ -68,7 +68,7 @@ pub struct LightSegment {
 impl LightTruth {
     pub fn read(path: &Path) -> Result<Self, EvalError> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path)
+        let text = crate::files::read_text(path)
             .map_err(|source| EvalError::Io { path: name.clone(), source })?;
         let truth: Self = serde_json::from_str(&text)
             .map_err(|e| EvalError::File { path: name.clone(), problem: e.to_string() })?;
@@ -97,13 +97,20 @@ impl LightTruth {
         }
         for (i, segment) in self.segments.iter().enumerate() {
             segment.check().map_err(|problem| format!("segment {i}: {problem}"))?;
-            let (first, last) = (segment.first_frame, segment.last_frame);
-            let overlaps = |s: &LightSegment| s.first_frame <= last && first <= s.last_frame;
-            if let Some(j) = self.segments[..i].iter().position(overlaps) {
-                return Err(format!("segments {j} and {i} overlap"));
-            }
         }
-        Ok(())
+        let mut order: Vec<usize> = (0..self.segments.len()).collect();
+        order.sort_by_key(|&i| self.segments[i].first_frame);
+        let overlap = |pair: &&[usize]| {
+            self.segments[pair[0]].last_frame >= self.segments[pair[1]].first_frame
+        };
+        match order.windows(2).find(overlap) {
+            Some(pair) => Err(format!(
+                "segments {} and {} overlap",
+                pair[0].min(pair[1]),
+                pair[0].max(pair[1])
+            )),
+            None => Ok(()),
+        }
     }
 }
 

@@ -23,6 +23,6 @@ pub use run_record::{RUN_RECORD, RunRecord};
 pub use sources::{Found, Problem, RunFolder, Sources};
 
 #[cfg(test)]
-mod fixtures;
+pub(crate) mod fixtures;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,7 @@
 //! Pictures small enough to travel inside a page, as data URIs.
 
 use super::sources::Problem;
+use crate::image::encoded::{USUAL, decode_file};
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{FilterType, resize};
 use image::{Rgb, RgbImage};
@@ -28,7 +29,7 @@ impl Pictures {
             return None;
         }
         let picture = read(path, width);
-        picture.map_err(|e| self.problem(path, &e.to_string())).ok()
+        picture.map_err(|e| self.problem(path, &e)).ok()
     }
 
     fn problem(&mut self, path: &Path, problem: &str) {
@@ -58,8 +59,8 @@ impl Pictures {
 
 const QUALITY: u8 = 85;
 
-fn read(path: &Path, width: u32) -> image::ImageResult<RgbImage> {
-    let picture = image::open(path)?.into_rgb8();
+fn read(path: &Path, width: u32) -> Result<RgbImage, String> {
+    let picture = decode_file(path, USUAL)?.into_rgb8();
     if picture.width() <= width {
         return Ok(picture);
     }

@@ -1,6 +1,7 @@
 //! What there is to report: records that studies and runs have left in folders.
 
 use super::run_record::{RUN_RECORD, RunRecord};
+use crate::files;
 use crate::output::TimingSummary;
 use crate::study::composite::CompositeStudy;
 use crate::study::light::LightStudy;
@@ -106,8 +107,8 @@ impl Sources {
 
     /// A folder that was named itself: what its record is shows in its fields.
     fn find_study_here(&mut self, folder: &Path) {
-        let Ok(text) = std::fs::read(folder.join("study.json")) else { return };
-        let keys: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
+        let Ok(text) = files::read_text(&folder.join("study.json")) else { return };
+        let keys: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
         if keys.get("methods").is_some() {
             self.light.extend(read_study(folder, &mut self.problems));
         } else if keys.get("points").is_some() {
@@ -160,7 +161,7 @@ fn read_with<T>(
     problems: &mut Vec<Problem>,
     parse: impl FnOnce(&str) -> Result<T, String>,
 ) -> Option<T> {
-    let parsed = match std::fs::read_to_string(path) {
+    let parsed = match files::read_text(path) {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return None,
         Err(e) => Err(e.to_string()),
         Ok(text) => parse(&text),

@@ -71,8 +71,8 @@ impl SceneFile {
 impl ObjectSpec {
     /// The key that is wrong, and why.
     pub(super) fn stand(&self) -> Result<Stand, (&'static str, String)> {
-        let finite = |key, values: &[f64]| match values.iter().find(|v| !v.is_finite()) {
-            Some(v) => Err((key, format!("has a value that is not finite ({v})"))),
+        let finite = |key, values: &[f64]| match values.iter().find(|v| !(**v as f32).is_finite()) {
+            Some(v) => Err((key, format!("has a value that is not finite, or too large ({v})"))),
             None => Ok(()),
         };
         finite("yaw_deg", &[self.yaw_deg])?;

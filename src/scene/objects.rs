@@ -4,6 +4,7 @@ use super::SceneError;
 use super::anchor::SurfaceAnchor;
 use super::file::{ObjectSpec, SceneFile, Stand};
 use super::model::{BoundingSphere, Model};
+use crate::files;
 use crate::geometry::GBuffer;
 use glam::{Affine3A, Quat, Vec3};
 use std::collections::HashMap;
@@ -93,9 +94,31 @@ impl VirtualScene {
         Self { objects: objects.into() }
     }
 
-    /// Reads a scene file and the models it names.
+    /// Reads a scene file and the models it names, wherever they are.
     pub fn load(path: &Path) -> Result<Self, SceneError> {
         Self::from_file(&SceneFile::load(path)?, path)
+    }
+
+    /// As [`Self::load`], of a file that came with a recording and was not chosen: its models must lie in
+    /// its own folder, and so must the file where it is a link.
+    pub fn load_own(path: &Path) -> Result<Self, SceneError> {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let elsewhere =
+            |what: &str| SceneError::Elsewhere { path: path.to_owned(), what: what.into() };
+        if files::leads_out(folder, path) {
+            return Err(elsewhere("a link leads out of the folder"));
+        }
+        let file = SceneFile::load(path)?;
+        for spec in &file.object {
+            let name = spec.file.to_str().ok_or_else(|| elsewhere("a name is not UTF-8"))?;
+            let model = files::inside(folder, name).map_err(|problem| elsewhere(&problem))?;
+            if files::leads_out(folder, &model) {
+                return Err(elsewhere(&format!(
+                    "\"{name}\" is a link that leads out of the folder"
+                )));
+            }
+        }
+        Self::from_file(&file, path)
     }
 
     /// Checks the values of `file`, whose relative paths start at the folder of `path`, and loads its

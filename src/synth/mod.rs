@@ -36,6 +36,8 @@ mod tests;
 
 pub(crate) use develop::developed;
 pub use generate::{OPTIONS_FILE, generate, generate_until};
+#[cfg(any(test, fuzzing))]
+pub(crate) use options::read_environment;
 pub use options::{LightSwitch, SynthError, SynthOptions};
 pub use scene::VirtualKind;
 pub use scenes::STUDY;

@@ -7,6 +7,7 @@ use super::tracer::Shot;
 use super::truth::Segment;
 use crate::capture::CaptureError;
 use crate::capture::writer::ColorFormat;
+use crate::image::encoded::{WITH_RADIANCE, decode_file};
 use crate::image::{Image, Size};
 use crate::math::Pinhole;
 use crate::stop::Stopped;
@@ -199,8 +200,8 @@ pub(super) fn file_error(path: &Path, problem: impl ToString) -> SynthError {
     SynthError::File { path: path.display().to_string(), problem: problem.to_string() }
 }
 
-fn read_environment(path: &Path) -> Result<LatLong, SynthError> {
-    let picture = image::open(path).map_err(|e| file_error(path, e))?.into_rgb32f();
+pub(crate) fn read_environment(path: &Path) -> Result<LatLong, SynthError> {
+    let picture = decode_file(path, WITH_RADIANCE).map_err(|e| file_error(path, e))?.into_rgb32f();
     let size = Size::new(picture.width() as usize, picture.height() as usize);
     let rgb = picture.pixels().map(|p| p.0).collect();
     LatLong::new(Image::from_vec(size, rgb)).ok_or_else(|| file_error(path, "an empty picture"))

@@ -1,8 +1,9 @@
 //! A folder of colour and a folder of depth pictures, as Redwood, Open3D and many scripts leave them.
 
-use super::{ASSUMED_RATE_HZ, Entry, Listed, Listing, file_names, pair_by_time};
+use super::{ASSUMED_RATE_HZ, Entry, Listed, Listing, file_names, own, pair_by_time};
 use crate::capture::sequence::CaptureOptions;
-use crate::capture::{CaptureError, text, trajectory};
+use crate::capture::{CaptureError, trajectory};
+use crate::files;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +23,7 @@ pub(super) fn list(folder: &Path, options: &CaptureOptions) -> Result<Listing, C
     let color = color_folder(folder)
         .ok_or_else(|| CaptureError::file(folder, "no folder color, rgb or image"))?;
     let depth_name = options.depth_list.as_deref().unwrap_or("depth");
-    let depth = text::inside(folder, depth_name).map_err(CaptureError::Sequence)?;
+    let depth = files::inside(folder, depth_name).map_err(CaptureError::Sequence)?;
     let (colors, depths) = (pictures(&color)?, pictures(&depth)?);
     let mut listing = match (stamped(&colors), stamped(&depths)) {
         (Some(colors), Some(depths)) => pair_by_time(colors, depths, options)?,
@@ -30,7 +31,7 @@ pub(super) fn list(folder: &Path, options: &CaptureOptions) -> Result<Listing, C
     };
     let log = folder.join("trajectory.log");
     if log.is_file() {
-        let poses = trajectory::read_log(&log, &mut listing.warnings)?;
+        let poses = trajectory::read_log(&own(folder, log, options)?, &mut listing.warnings)?;
         // A log counts colour pictures, whatever numbers they carry.
         let position: BTreeMap<_, _> =
             colors.iter().enumerate().map(|(i, (_, p))| (p, i)).collect();

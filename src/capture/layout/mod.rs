@@ -7,9 +7,11 @@ mod tum;
 use super::association::associate;
 use super::sequence::CaptureOptions;
 use super::{Calibration, CaptureError, text};
+use crate::files;
 use crate::image::Size;
 use crate::math::Pose;
 use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Frame rate of recordings without time stamps.
@@ -147,6 +149,7 @@ pub(super) fn list(
         let found = format!("{colors} colour and {depths} depth pictures make no pair");
         return Err(CaptureError::file(folder, found));
     }
+    pictures_stay_inside(folder, &listing.entries, options)?;
     if listing.poses.is_some() {
         let without = listing.entries.iter().filter(|e| e.pose.is_none()).count();
         if without > 0 {
@@ -164,6 +167,7 @@ pub(super) fn own_calibration(
     layout: Layout,
     folder: &Path,
     pictures: Size,
+    options: &CaptureOptions,
 ) -> Result<Option<(Calibration, String)>, CaptureError> {
     let names = file_names(folder)?;
     let has = |name: &str| names.iter().any(|n| n == name).then(|| name.to_owned());
@@ -179,16 +183,49 @@ pub(super) fn own_calibration(
     };
     let Some(name) = file else {
         return match layout {
-            Layout::SevenScenes => seven_scenes::calibration(folder, pictures),
+            Layout::SevenScenes => seven_scenes::calibration(folder, pictures, options),
             _ => Ok(None),
         };
     };
-    let mut calibration = Calibration::read(&folder.join(&name), Some(pictures))?;
+    let file = own(folder, folder.join(&name), options)?;
+    let mut calibration = Calibration::read(&file, Some(pictures))?;
     if layout == Layout::IclNuim {
         // The picture's rows run downwards; with the y axis turned over that is a positive focal length.
         calibration.color.fy = calibration.color.fy.abs();
     }
     Ok(Some((calibration, name)))
+}
+
+/// A file of the recording. Refuses one that is elsewhere, behind a link.
+fn own(folder: &Path, path: PathBuf, options: &CaptureOptions) -> Result<PathBuf, CaptureError> {
+    match !options.follow_links && files::leads_out(folder, &path) {
+        true => Err(linked_out(&path)),
+        false => Ok(path),
+    }
+}
+
+fn pictures_stay_inside(
+    folder: &Path,
+    entries: &[Entry],
+    options: &CaptureOptions,
+) -> Result<(), CaptureError> {
+    if options.follow_links {
+        return Ok(());
+    }
+    // Of thousands of pictures in a few folders, only those that are links themselves are looked up.
+    let mut folders: HashMap<&Path, bool> = HashMap::new();
+    for path in entries.iter().flat_map(|e| [&e.color, &e.depth]) {
+        let parent = path.parent().unwrap_or(folder);
+        let out = *folders.entry(parent).or_insert_with(|| files::leads_out(folder, parent));
+        if out || path.is_symlink() && files::leads_out(folder, path) {
+            return Err(linked_out(path));
+        }
+    }
+    Ok(())
+}
+
+fn linked_out(path: &Path) -> CaptureError {
+    CaptureError::file(path, "a link leads out of the recording; --follow-links reads it even so")
 }
 
 /// Names of a folder's plain files and folders, sorted.
@@ -287,8 +324,13 @@ fn orphans(list: &[Listed], paired: impl Iterator<Item = usize>) -> Vec<String> 
 }
 
 /// A list of `timestamp file` lines.
-fn read_list(folder: &Path, name: &str) -> Result<Vec<Listed>, CaptureError> {
-    let path = text::inside(folder, name).map_err(CaptureError::Sequence)?;
+fn read_list(
+    folder: &Path,
+    name: &str,
+    options: &CaptureOptions,
+) -> Result<Vec<Listed>, CaptureError> {
+    let path = files::inside(folder, name).map_err(CaptureError::Sequence)?;
+    let path = own(folder, path, options)?;
     let mut list = Vec::new();
     for (number, line) in text::lines(&text::read(&path)?) {
         let problem = |p: String| CaptureError::line(&path, number, p);
@@ -305,8 +347,9 @@ fn read_list(folder: &Path, name: &str) -> Result<Vec<Listed>, CaptureError> {
 
 fn listed(folder: &Path, stamp: &str, file: &str) -> Result<Listed, String> {
     let time: f64 = stamp.parse().map_err(|_| format!("\"{stamp}\" is not a time stamp"))?;
-    if !time.is_finite() {
-        return Err(format!("time stamp {time}"));
+    // Nanoseconds since 1970 are 2e18; differences of what is allowed stay finite.
+    if time.is_nan() || time.abs() > 1e20 {
+        return Err(format!("time stamp {time:e}"));
     }
-    Ok(Listed { time, name: file.to_owned(), path: text::inside(folder, file)? })
+    Ok(Listed { time, name: file.to_owned(), path: files::inside(folder, file)? })
 }

@@ -1,6 +1,6 @@
 //! 7-Scenes: `frame-NNNNNN.color.png`, `frame-NNNNNN.depth.png`, `frame-NNNNNN.pose.txt` in one folder.
 
-use super::{ASSUMED_RATE_HZ, Entry, Listing, file_names};
+use super::{ASSUMED_RATE_HZ, Entry, Listing, file_names, own};
 use crate::capture::calibration::{Calibration, SEVEN_SCENES, built_in};
 use crate::capture::sequence::CaptureOptions;
 use crate::capture::{CaptureError, trajectory};
@@ -47,7 +47,10 @@ pub(super) fn list(folder: &Path, options: &CaptureOptions) -> Result<Listing, C
     for (number, name) in &colors {
         let Some(depth) = depths.get(number) else { continue };
         let pose = folder.join(depth.replace("depth.png", "pose.txt"));
-        let pose = pose.is_file().then(|| trajectory::read_matrix(&pose));
+        let pose = match pose.is_file() {
+            true => Some(trajectory::read_matrix(&own(folder, pose, options)?)),
+            false => None,
+        };
         if pose.is_some() {
             listing.poses = Some("frame-*.pose.txt".into());
         }
@@ -71,12 +74,13 @@ pub(super) fn list(folder: &Path, options: &CaptureOptions) -> Result<Listing, C
 pub(super) fn calibration(
     folder: &Path,
     pictures: Size,
+    options: &CaptureOptions,
 ) -> Result<Option<(Calibration, String)>, CaptureError> {
     let Some(mut calibration) = built_in(SEVEN_SCENES) else { return Ok(None) };
     let mut source = format!("built-in {SEVEN_SCENES} (estimate)");
     let file = folder.join("camera-intrinsics.txt");
     if file.is_file() {
-        let given = Calibration::read(&file, Some(pictures))?.color;
+        let given = Calibration::read(&own(folder, file, options)?, Some(pictures))?.color;
         calibration.depth = Some(given);
         source += ", depth camera from camera-intrinsics.txt";
     }

@@ -1,9 +1,10 @@
 //! TUM RGB-D lists, and ICL-NUIM's version of them.
 
-use super::{ASSUMED_RATE_HZ, Entry, Listed, Listing, listed, pair_by_time, read_list};
+use super::{ASSUMED_RATE_HZ, Entry, Listed, Listing, listed, own, pair_by_time, read_list};
 use crate::capture::sequence::CaptureOptions;
 use crate::capture::trajectory::{self, MAX_GAP_S, Trajectory};
 use crate::capture::{CaptureError, text};
+use crate::files;
 use crate::math::Pose;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::path::Path;
@@ -15,7 +16,7 @@ pub(super) const ASSOCIATION_FILES: [&str; 3] =
 pub(super) fn list(folder: &Path, options: &CaptureOptions) -> Result<Listing, CaptureError> {
     let mut listing = pairs(folder, options)?;
     if folder.join("groundtruth.txt").is_file() {
-        let path = folder.join("groundtruth.txt");
+        let path = own(folder, folder.join("groundtruth.txt"), options)?;
         let track = trajectory::read_tum(&path, &mut listing.warnings)?;
         fill_poses(&mut listing.entries, &track, MAX_GAP_S);
         listing.poses = Some("groundtruth.txt".into());
@@ -38,7 +39,8 @@ pub(super) fn list_icl_nuim(
         let found = format!("{} files *.gt.freiburg; exactly one is needed", tracks.len());
         return Err(CaptureError::file(folder, found));
     };
-    let mut track = trajectory::read_tum(&folder.join(track_name), &mut listing.warnings)?;
+    let path = own(folder, folder.join(track_name), options)?;
+    let mut track = trajectory::read_tum(&path, &mut listing.warnings)?;
     track.map(mirrored_in_y);
     // Frames carry numbers, not seconds: the pose of a frame is that of its number or none.
     fill_poses(&mut listing.entries, &track, 0.0);
@@ -68,8 +70,8 @@ fn pairs(folder: &Path, options: &CaptureOptions) -> Result<Listing, CaptureErro
     if folder.join("rgb.txt").is_file() {
         let depth_list = options.depth_list.as_deref().unwrap_or("depth.txt");
         return pair_by_time(
-            read_list(folder, "rgb.txt")?,
-            read_list(folder, depth_list)?,
+            read_list(folder, "rgb.txt", options)?,
+            read_list(folder, depth_list, options)?,
             options,
         );
     }
@@ -80,12 +82,17 @@ fn pairs(folder: &Path, options: &CaptureOptions) -> Result<Listing, CaptureErro
             .find(|f| folder.join(f).is_file())
             .ok_or_else(|| CaptureError::file(folder, "neither rgb.txt nor associations.txt"))?,
     };
-    associated(folder, name)
+    associated(folder, name, options)
 }
 
 /// An association file: two stamps and two files a line, in either order of columns.
-fn associated(folder: &Path, name: &str) -> Result<Listing, CaptureError> {
-    let path = text::inside(folder, name).map_err(CaptureError::Sequence)?;
+fn associated(
+    folder: &Path,
+    name: &str,
+    options: &CaptureOptions,
+) -> Result<Listing, CaptureError> {
+    let path = files::inside(folder, name).map_err(CaptureError::Sequence)?;
+    let path = own(folder, path, options)?;
     let mut listing = Listing { timed: true, ..Listing::default() };
     for (number, line) in text::lines(&text::read(&path)?) {
         let (color, depth) =

@@ -1,19 +1,20 @@
 //! Typed arrays of a glTF asset, with every offset and length checked.
 
+use super::budget::Budget;
 use gltf::accessor::sparse::IndexType;
 use gltf::accessor::{Accessor, DataType};
 use gltf::buffer::View;
 
-/// More elements than this in one accessor are refused before memory is taken.
-const MAX_ELEMENTS: usize = 1 << 26;
-
-/// The bytes of all buffers, by index.
-pub struct Buffers(pub Vec<Vec<u8>>);
+/// The bytes of all buffers, by index, and what may be made of them.
+pub struct Buffers {
+    pub bytes: Vec<Vec<u8>>,
+    pub budget: Budget,
+}
 
 impl Buffers {
     /// The bytes of a buffer view.
     pub fn view(&self, view: &View) -> Result<&[u8], String> {
-        let buffer = &self.0[view.buffer().index()];
+        let buffer = &self.bytes[view.buffer().index()];
         view.offset()
             .checked_add(view.length())
             .and_then(|end| buffer.get(view.offset()..end))
@@ -57,14 +58,15 @@ impl Buffers {
                 accessor.dimensions()
             )));
         }
-        if count > MAX_ELEMENTS {
-            return Err(problem(format!("{count} elements; at most {MAX_ELEMENTS} are read")));
-        }
         let width = kind.size();
         let element =
             |bytes: &[u8]| std::array::from_fn(|c| read(kind, &bytes[c * width..][..width]));
         let mut out = match accessor.view() {
-            None => vec![[T::default(); N]; count],
+            None => {
+                // Zeros, as many as the file says: nothing in it stands for them.
+                self.budget.take(count, size_of::<[T; N]>() as u64).map_err(problem)?;
+                vec![[T::default(); N]; count]
+            }
             Some(view) => {
                 let stride = view.stride().unwrap_or(N * width);
                 let bytes = self.view(&view)?;

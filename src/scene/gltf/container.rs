@@ -1,6 +1,9 @@
 //! The bytes of a glTF asset: the GLB container, and what its URIs name.
 
-use std::path::{Component, Path};
+use super::budget::Budget;
+use crate::files;
+use crate::scene::error::read_limited;
+use std::path::Path;
 
 /// glTF JSON and the binary chunk of a GLB file.
 pub struct Container<'a> {
@@ -52,28 +55,21 @@ fn next_chunk<'a>(rest: &mut &'a [u8]) -> Result<(u32, &'a [u8]), String> {
 }
 
 /// The bytes of a `data:` URI, or of a file in `folder` or below it.
-pub fn read_uri(uri: &str, folder: &Path, limit: u64) -> Result<Vec<u8>, String> {
+pub fn read_uri(uri: &str, folder: &Path, budget: &Budget) -> Result<Vec<u8>, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (_, encoded) = data.split_once(";base64,").ok_or("a data URI that is not base64")?;
         return decode_base64(encoded);
     }
     let name = decode_percent(uri).ok_or_else(|| format!("bad escape in the URI {uri:?}"))?;
-    let inside = Path::new(&name)
-        .components()
-        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-    if !inside || uri.contains(':') {
-        return Err(format!("refers to {uri:?}; only files in its own folder are read"));
-    }
-    let path = folder.join(&name);
-    // A link may lead out of the folder although the name does not.
-    let real = |path: &Path| {
-        path.canonicalize().map_err(|e| format!("{}: cannot be read: {e}", path.display()))
-    };
-    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    if !real(&path)?.starts_with(real(here)?) {
+    let path = files::inside(folder, &name).ok().filter(|_| !uri.contains(':'));
+    let path =
+        path.ok_or_else(|| format!("refers to {uri:?}; only files in its own folder are read"))?;
+    if files::leads_out(folder, &path) {
         return Err(format!("{}: leads out of the folder of the model", path.display()));
     }
-    crate::scene::error::read_limited(&path, limit).map_err(|e| e.to_string())
+    let bytes = read_limited(&path, budget.file_limit()).map_err(|e| e.to_string())?;
+    budget.add_file(bytes.len());
+    Ok(bytes)
 }
 
 fn decode_percent(text: &str) -> Option<String> {
@@ -134,18 +130,22 @@ mod tests {
         std::fs::create_dir(&inside).unwrap();
         std::fs::write(folder.path().join("secret.bin"), b"no").unwrap();
         std::fs::write(inside.join("a b.bin"), b"yes").unwrap();
-        assert_eq!(read_uri("a%20b.bin", &inside, 9).unwrap(), b"yes");
-        assert_eq!(read_uri("./a%20b.bin", &inside, 3).unwrap(), b"yes");
-        assert!(read_uri("a%20b.bin", &inside, 2).unwrap_err().contains("limit"));
+        let budget = Budget::default();
+        let read = |uri: &str| read_uri(uri, &inside, &budget);
+        assert_eq!(read("a%20b.bin").unwrap(), b"yes");
+        assert_eq!(read("./a%20b.bin").unwrap(), b"yes");
+        assert_eq!(Budget::default().file_limit() - budget.file_limit(), 6, "all files count");
         let absolute = folder.path().join("secret.bin").display().to_string();
         for uri in ["../secret.bin", "%2e%2e/secret.bin", "http://host/x", "file:x", &absolute] {
-            assert!(read_uri(uri, &inside, 9).unwrap_err().contains("own folder"), "{uri}");
+            assert!(read(uri).unwrap_err().contains("own folder"), "{uri}");
         }
         #[cfg(unix)]
         {
             std::os::unix::fs::symlink(folder.path().join("secret.bin"), inside.join("l")).unwrap();
-            assert!(read_uri("l", &inside, 9).unwrap_err().contains("out of the folder"));
+            assert!(read("l").unwrap_err().contains("out of the folder"));
         }
+        budget.add_file(usize::MAX);
+        assert!(read("a%20b.bin").unwrap_err().contains("limit"));
     }
 
     #[test]

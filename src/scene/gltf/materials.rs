@@ -1,19 +1,20 @@
 //! Base colour of glTF materials.
 
+use super::Source;
 use super::accessor::Buffers;
+use super::budget;
 use super::container::read_uri;
-use super::{MAX_RESOURCE_BYTES, Source};
+use crate::image::encoded::{self, USUAL};
 use crate::scene::model::Material;
 use crate::scene::texture::{Texture, Wrap};
 use glam::Vec2;
 use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
 use std::collections::HashMap;
-use std::io::Cursor;
 use std::sync::Arc;
 
 /// 8-bit RGBA of this side squared takes 1 GiB.
-const MAX_TEXTURE_SIDE: u32 = 16_384;
+const MAX_TEXTURE_SIDE: usize = 16_384;
 
 /// A material, and how a primitive's texture coordinates become those of its texture.
 #[derive(Clone, Debug, Default)]
@@ -101,7 +102,7 @@ impl<'a> Materials<'a> {
         }
         let image = texture.source().index();
         let problem = |what: String| format!("image {image}: {what}");
-        let picture = decode(&self.image_bytes(image).map_err(problem)?).map_err(problem)?;
+        let picture = self.decode(&self.image_bytes(image).map_err(problem)?).map_err(problem)?;
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let texels = picture.pixels().map(|p| p.0).collect();
         let wrap =
@@ -127,23 +128,17 @@ impl<'a> Materials<'a> {
                     document.views().nth(view.value()).ok_or("its buffer view is missing")?;
                 self.buffers.view(&view).map(<[u8]>::to_vec)
             }
-            (None, Some(uri)) => read_uri(uri, self.source.folder, MAX_RESOURCE_BYTES),
+            (None, Some(uri)) => read_uri(uri, self.source.folder, &self.buffers.budget),
             (None, None) => Err("has neither a buffer view nor a URI".to_owned()),
         }
     }
-}
 
-fn decode(bytes: &[u8]) -> Result<image::RgbaImage, String> {
-    let mut reader = image::ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(|e| e.to_string())?;
-    match reader.format() {
-        Some(image::ImageFormat::Png | image::ImageFormat::Jpeg) => {}
-        _ => return Err("is neither PNG nor JPEG".to_owned()),
+    fn decode(&self, bytes: &[u8]) -> Result<image::RgbaImage, String> {
+        let (decoder, size) = encoded::open(bytes, USUAL)?;
+        if size.width.max(size.height) > MAX_TEXTURE_SIDE {
+            return Err(format!("{size} pixels; a side may have {MAX_TEXTURE_SIDE}"));
+        }
+        self.buffers.budget.take(size.pixels(), budget::TEXEL)?;
+        Ok(encoded::pixels(decoder)?.into_rgba8())
     }
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(MAX_TEXTURE_SIDE);
-    limits.max_image_height = Some(MAX_TEXTURE_SIDE);
-    reader.limits(limits);
-    Ok(reader.decode().map_err(|e| e.to_string())?.to_rgba8())
 }

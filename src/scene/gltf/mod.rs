@@ -4,6 +4,7 @@
 //! the material but its base colour.
 
 mod accessor;
+mod budget;
 mod container;
 mod materials;
 mod primitive;
@@ -14,14 +15,12 @@ use super::SceneError;
 use super::error::read_limited;
 use super::model::Model;
 use accessor::Buffers;
+use budget::Budget;
 use glam::DMat4;
 use gltf::Document;
 use materials::Materials;
 use serde_json::Value;
 use std::path::Path;
-
-/// Of the file itself and of each file it refers to.
-const MAX_RESOURCE_BYTES: u64 = 1 << 30;
 
 /// Extensions that a file may require: understood, or without meaning for base colour.
 const KNOWN_EXTENSIONS: [&str; 3] =
@@ -48,8 +47,13 @@ impl Source<'_> {
 impl Model {
     /// Reads a `.gltf` or `.glb` file. Everything it refers to must lie in its own folder.
     pub fn load(path: &Path) -> Result<Self, SceneError> {
-        let data = read_limited(path, MAX_RESOURCE_BYTES)?;
-        read(path, &data).map_err(|what| SceneError::Model { path: path.to_owned(), what })
+        let data = read_limited(path, Budget::default().file_limit())?;
+        Self::from_bytes(path, &data)
+    }
+
+    /// As [`Self::load`], of a file that was read already.
+    pub(crate) fn from_bytes(path: &Path, data: &[u8]) -> Result<Self, SceneError> {
+        read(path, data).map_err(|what| SceneError::Model { path: path.to_owned(), what })
     }
 }
 
@@ -60,7 +64,7 @@ fn read(path: &Path, data: &[u8]) -> Result<Model, String> {
     let document = parse(path, container.json)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let source = Source { path, folder, document: &document, raw: &raw };
-    let buffers = read_buffers(&source, container.binary)?;
+    let buffers = read_buffers(&source, data.len(), container.binary)?;
     let world_from_node = node_transforms(&document)?;
     let mut materials = Materials::new(&source, &buffers);
     let mut reader = primitive::Reader::new(&buffers, &world_from_node);
@@ -110,7 +114,13 @@ fn parse(path: &Path, json: &[u8]) -> Result<Document, String> {
     Document::from_json(root).map_err(|e| format!("invalid glTF: {e}"))
 }
 
-fn read_buffers(source: &Source, mut binary: Option<&[u8]>) -> Result<Buffers, String> {
+fn read_buffers(
+    source: &Source,
+    length: usize,
+    mut binary: Option<&[u8]>,
+) -> Result<Buffers, String> {
+    let budget = Budget::default();
+    budget.add_file(length);
     let mut all = Vec::new();
     for buffer in source.document.buffers() {
         let problem = |what| format!("buffer {}: {what}", buffer.index());
@@ -121,7 +131,7 @@ fn read_buffers(source: &Source, mut binary: Option<&[u8]>) -> Result<Buffers, S
                 .map(<[u8]>::to_vec)
                 .map_err(|e| problem(e.to_owned()))?,
             gltf::buffer::Source::Uri(uri) => {
-                container::read_uri(uri, source.folder, MAX_RESOURCE_BYTES).map_err(problem)?
+                container::read_uri(uri, source.folder, &budget).map_err(problem)?
             }
         };
         if data.len() < buffer.length() {
@@ -130,7 +140,7 @@ fn read_buffers(source: &Source, mut binary: Option<&[u8]>) -> Result<Buffers, S
         }
         all.push(data);
     }
-    Ok(Buffers(all))
+    Ok(Buffers { bytes: all, budget })
 }
 
 /// Transform of every node that a scene shows. A file without scenes shows its root nodes.

@@ -1,26 +1,23 @@
 //! Vertices and triangles of one glTF primitive, moved to the axes of the model.
 
 use super::accessor::Buffers;
+use super::budget;
 use super::materials::MaterialSource;
 use crate::scene::model::{PartData, Vertex};
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3};
 use gltf::mesh::{Mode, Semantic};
 use gltf::{Node, Primitive};
 
-/// Of all parts together: an asset may show the same mesh many times.
-const MAX_TRIANGLES: usize = 1 << 25;
-
 pub struct Reader<'a> {
     buffers: &'a Buffers,
     world_from_node: &'a [Option<DMat4>],
-    triangles: usize,
     /// Primitives of points or lines.
     pub skipped_modes: usize,
 }
 
 impl<'a> Reader<'a> {
     pub fn new(buffers: &'a Buffers, world_from_node: &'a [Option<DMat4>]) -> Self {
-        Self { buffers, world_from_node, triangles: 0, skipped_modes: 0 }
+        Self { buffers, world_from_node, skipped_modes: 0 }
     }
 
     /// `None` for points and lines.
@@ -30,19 +27,22 @@ impl<'a> Reader<'a> {
         primitive: &Primitive,
         source: MaterialSource,
     ) -> Result<Option<PartData>, String> {
+        let budget = &self.buffers.budget;
+        budget.take(1, budget::PRIMITIVE)?;
         if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip)
         {
             self.skipped_modes += 1;
             return Ok(None);
         }
+        let vertices = primitive.get(&Semantic::Positions).map_or(0, |a| a.count());
+        budget.take(vertices, budget::VERTEX)?;
+        // Strips and fans have a triangle for each index.
+        let corners = primitive.indices().map_or(vertices, |a| a.count());
+        budget.take(corners, budget::TRIANGLE)?;
         let positions = self.floats::<3>(primitive, Semantic::Positions)?.ok_or("no POSITION")?;
         let count = positions.len();
         let list = self.vertex_list(primitive, count)?;
         let mut triangles = triangulate(&list, primitive.mode());
-        self.triangles += triangles.len();
-        if self.triangles > MAX_TRIANGLES {
-            return Err(format!("more than {MAX_TRIANGLES} triangles"));
-        }
         let normals = same_length(self.floats(primitive, Semantic::Normals)?, count, "NORMAL")?;
         let set = Semantic::TexCoords(source.tex_coord);
         let uvs: Option<Vec<[f32; 2]>> =
@@ -125,6 +125,7 @@ impl<'a> Reader<'a> {
 
     /// Rest pose: joints where their nodes' own transforms put them.
     fn joint_matrices(&self, skin: &gltf::Skin) -> Result<Vec<DMat4>, String> {
+        self.buffers.budget.take(skin.joints().count(), budget::JOINT)?;
         let inverse_bind: Option<Vec<[f32; 16]>> =
             skin.inverse_bind_matrices().map(|a| self.buffers.floats(&a)).transpose()?;
         skin.joints()

@@ -283,7 +283,7 @@ fn broken_files_are_errors_that_name_the_file() {
     wrong(&|a| a.primitive()["attributes"]["POSITION"] = json!(9), "accessor 9 of 2");
     wrong(&|a| a.primitive()["indices"] = json!(0), "type F32");
     wrong(&|a| a.json["accessors"][0]["count"] = json!(5), "do not fit");
-    wrong(&|a| a.json["accessors"][0]["count"] = json!(1u64 << 60), "at most");
+    wrong(&|a| a.json["accessors"][0]["count"] = json!(1u64 << 60), "MiB");
     wrong(&|a| a.json["accessors"][0]["byteOffset"] = json!(u64::MAX), "do not fit");
     wrong(&|a| a.json["bufferViews"][0]["byteLength"] = json!(1 << 20), "past its buffer");
     wrong(&|a| a.json["bufferViews"][0]["byteStride"] = json!(4), "every 4 bytes");
@@ -292,6 +292,54 @@ fn broken_files_are_errors_that_name_the_file() {
     let draco = "KHR_draco_mesh_compression";
     wrong(&|a| a.json["extensionsRequired"] = json!([draco]), draco);
     wrong(&|a| a.attribute("NORMAL", 5126, "VEC3", 1, &[0; 12]), "1 NORMAL values for 4");
+}
+
+#[test]
+fn small_files_cannot_ask_for_any_amount_of_memory() {
+    let refused = |change: &dyn Fn(&mut Asset)| {
+        let mut asset = Asset::new(&CORNERS);
+        asset.indices(&[0, 1, 2]);
+        change(&mut asset);
+        let error = asset.load().unwrap_err();
+        assert!(error.contains("MiB more than files of this length may"), "{error}");
+    };
+    // Zeros that no buffer holds, but for one element.
+    for (accessor, component, size) in [(0, 5121, 12), (1, 5121, 2)] {
+        refused(&|a| {
+            let (index, value) = (a.view(&[0]), a.view(&vec![0; size]));
+            let of = &mut a.json["accessors"][accessor];
+            of["count"] = json!(1 << 28);
+            of.as_object_mut().unwrap().remove("bufferView");
+            of["sparse"] = json!({
+                "count": 1,
+                "indices": {"bufferView": index, "componentType": component},
+                "values": {"bufferView": value},
+            });
+        });
+    }
+    // The same mesh of 20 000 corners, a thousand times.
+    refused(&|a| {
+        *a = Asset::new(&[[0.0; 3]; 20_000]);
+        a.json["nodes"] = json!(vec![json!({"mesh": 0}); 1000]);
+        a.json["scenes"] = json!([{"nodes": (0..1000).collect::<Vec<_>>()}]);
+    });
+    // One picture that compresses well, as 40 textures of 64 MiB.
+    let picture = png(&vec![[0; 4]; 1 << 24], 1 << 12);
+    refused(&|a| {
+        let view = a.view(&picture);
+        a.json["images"] = json!([{"bufferView": view, "mimeType": "image/png"}]);
+        a.json["textures"] = json!(vec![json!({"source": 0}); 40]);
+        let material =
+            |t: usize| json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": t}}});
+        a.json["materials"] = json!((0..40).map(material).collect::<Vec<_>>());
+        let primitive = a.primitive().clone();
+        let with = |m: usize| {
+            let mut primitive = primitive.clone();
+            primitive["material"] = json!(m);
+            primitive
+        };
+        a.json["meshes"][0]["primitives"] = json!((0..40).map(with).collect::<Vec<_>>());
+    });
 }
 
 #[test]
@@ -338,6 +386,7 @@ fn scene_files_name_what_is_wrong() {
         (object.to_owned(), ["object 1", "`on`"]),
         (format!("{object}at = [0, 0]"), ["line 3", "at"]),
         (format!("{object}at = [0, 0, nan]"), ["object 1", "`at`"]),
+        (format!("{object}at = [0, 0, -1e39]"), ["object 1", "`at`"]),
         (format!("{object}at = [0, 0, 0]\nscale = 0"), ["object 1", "`scale`"]),
         (format!("{object}at = [0, 0, 0]\nscale = inf"), ["object 1", "`scale`"]),
         (format!("{object}at = [0, 0, 0]\nyaw_deg = nan"), ["object 1", "`yaw_deg`"]),
@@ -354,6 +403,42 @@ fn scene_files_name_what_is_wrong() {
             assert!(error.contains(part), "{text}\n{error}");
         }
         assert!(error.contains("room.toml") || error.contains("no.glb"), "{error}");
+    }
+}
+
+#[test]
+fn scene_files_that_nobody_chose_stay_in_their_folder() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("recording");
+    std::fs::create_dir_all(folder.join("models")).unwrap();
+    let model = Asset::new(&CORNERS[..3]).bytes();
+    for place in ["recording/o.glb", "recording/models/o.glb", "o.glb"] {
+        std::fs::write(root.path().join(place), &model).unwrap();
+    }
+    let path = folder.join("scene.toml");
+    let named = |file: &str| {
+        std::fs::write(&path, format!("[[object]]\nfile = '{file}'\nat = [0, 0, 0]\n")).unwrap();
+    };
+    for file in ["o.glb", "./o.glb", "models/o.glb"] {
+        named(file);
+        assert_eq!(VirtualScene::load_own(&path).unwrap().objects.len(), 1, "{file}");
+    }
+    let absolute = folder.join("o.glb").display().to_string();
+    for file in ["../o.glb", "models/../../o.glb", &absolute] {
+        named(file);
+        let error = VirtualScene::load_own(&path).unwrap_err().to_string();
+        assert!(error.contains("scene.toml") && error.contains("outside its folder"), "{error}");
+        assert_eq!(VirtualScene::load(&path).unwrap().objects.len(), 1, "chosen: {file}");
+    }
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("../o.glb", folder.join("link.glb")).unwrap();
+        named("link.glb");
+        let error = VirtualScene::load_own(&path).unwrap_err().to_string();
+        assert!(error.contains("link"), "{error}");
+        std::fs::rename(&path, root.path().join("scene.toml")).unwrap();
+        std::os::unix::fs::symlink("../scene.toml", &path).unwrap();
+        assert!(VirtualScene::load_own(&path).unwrap_err().to_string().contains("link"));
     }
 }
 

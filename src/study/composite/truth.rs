@@ -2,6 +2,8 @@
 //! path-traced picture with it, `composite/` holds these pictures.
 
 use crate::eval::light::LightTruth;
+use crate::files;
+use crate::image::encoded::{USUAL, decode_file};
 use crate::image::{Image, Size};
 use crate::scene::{Material, Model, PartData, Similarity, Vertex, VirtualObject, VirtualScene};
 use crate::study::StudyError;
@@ -56,7 +58,7 @@ impl TruthFolder {
     pub fn open(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join("virtual.json");
         let problem = |e: &dyn std::fmt::Display| StudyError::file(&path, e);
-        let text = std::fs::read_to_string(&path).map_err(|e| problem(&e))?;
+        let text = files::read_text(&path).map_err(|e| problem(&e))?;
         let file: VirtualFile = serde_json::from_str(&text).map_err(|e| problem(&e))?;
         let (frames, times) = (file.frames.len(), file.timestamps.len());
         if frames != times || frames == 0 {
@@ -88,14 +90,21 @@ impl TruthFolder {
     /// The truth of a frame, where it has one.
     pub fn frame(&self, frame: usize) -> Result<Option<FrameTruth>, StudyError> {
         let Some(at) = self.file.frames.iter().position(|&f| f == frame) else { return Ok(None) };
-        let base = self.folder.join("composite").join(&self.file.timestamps[at]);
-        let named = |ending: &str| PathBuf::from(format!("{}{ending}", base.display()));
-        let jpeg = named(".jpg");
-        let path = if jpeg.exists() { jpeg } else { named(".png") };
+        let stamp = &self.file.timestamps[at];
+        let named = |ending: &str| {
+            let path = files::inside(&self.folder.join("composite"), &format!("{stamp}{ending}"))
+                .map_err(|e| StudyError::file(&self.folder.join("virtual.json"), e))?;
+            match files::leads_out(&self.folder, &path) {
+                true => Err(StudyError::file(&path, "a link leads out of the recording")),
+                false => Ok(path),
+            }
+        };
+        let jpeg = named(".jpg")?;
+        let path = if jpeg.exists() { jpeg } else { named(".png")? };
         let picture = read(&path)?.into_rgb8();
         let size = Size::new(picture.width() as usize, picture.height() as usize);
         let pixels = picture.as_raw().as_chunks::<3>().0.to_vec();
-        let mask_path = named(".mask.png");
+        let mask_path = named(".mask.png")?;
         let mask = read(&mask_path)?.into_luma8();
         let mask_size = Size::new(mask.width() as usize, mask.height() as usize);
         if mask_size != size {
@@ -120,7 +129,7 @@ impl TruthFolder {
             }
             Object::Mesh => {
                 let path = self.folder.join("scene.toml");
-                VirtualScene::load(&path).map_err(|e| StudyError::file(&path, e))
+                VirtualScene::load_own(&path).map_err(|e| StudyError::file(&path, e))
             }
         }
     }
@@ -131,7 +140,7 @@ impl TruthFolder {
 }
 
 fn read(path: &Path) -> Result<image::DynamicImage, StudyError> {
-    image::open(path).map_err(|e| StudyError::file(path, e))
+    decode_file(path, USUAL).map_err(|e| StudyError::file(path, e))
 }
 
 /// A sphere around the origin with one linear albedo.
@@ -208,6 +217,12 @@ mod tests {
         let message = folder.frame(3).err().unwrap().to_string();
         assert!(message.contains("composite/1.0.png"), "{message}");
         assert!(folder.scene().unwrap_err().to_string().contains("scene.toml"));
+        for stamp in ["../1.0", "/1.0", "a/../../1.0"] {
+            let away =
+                format!(r#"{{"kind":"mesh","name":"a","frames":[3],"timestamps":["{stamp}"]}}"#);
+            let message = open(&away).unwrap().frame(3).err().unwrap().to_string();
+            assert!(message.contains("virtual.json") && message.contains("outside"), "{message}");
+        }
         assert!(TruthFolder::open(Path::new("/nowhere")).unwrap_err().to_string().contains("/now"));
     }
 }

@@ -37,8 +37,8 @@ impl TracedGeometry {
     pub fn of_sequence(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join(OPTIONS_FILE);
         if path.exists() {
-            let bytes = std::fs::read(&path).map_err(|e| StudyError::file(&path, e))?;
-            let options = serde_json::from_slice(&bytes).map_err(|e| StudyError::file(&path, e))?;
+            let text = crate::files::read_text(&path).map_err(|e| StudyError::file(&path, e))?;
+            let options = serde_json::from_str(&text).map_err(|e| StudyError::file(&path, e))?;
             return Ok(Self::Made(options));
         }
         let is_demo = folder.canonicalize().is_ok_and(|path| path.ends_with(DEMO));
