@@ -6,6 +6,9 @@ use crate::capture::live::{ColorCamera, ColorCapture, DeviceError, DeviceInfo, H
 use crate::image::{Image, Size};
 use std::time::{Duration, Instant};
 
+/// When a picture was taken, and the picture.
+type Dated = (f64, Image<[u8; 3]>);
+
 /// Times are seconds of the host's clock since `epoch`.
 pub struct Beside {
     capture: ColorCapture,
@@ -67,8 +70,8 @@ impl Beside {
         ))
     }
 
-    /// The next picture and when it was taken, if there is one.
-    pub fn take(&self) -> Result<Option<(f64, Image<[u8; 3]>)>, DeviceError> {
+    /// The next picture, if there is one.
+    pub fn take(&self) -> Result<Option<Dated>, DeviceError> {
         let Some(picture) = self.capture.take()? else { return Ok(None) };
         if picture.pixels.size() != self.size {
             let (found, size) = (picture.pixels.size(), self.size);
