@@ -201,8 +201,8 @@ fn too_few(
             if let Some((columns, rows)) = other_size(&grey(&read_picture(&picture.path)?), board)?
             {
                 text += &format!(
-                    ". {} shows a board of {columns}x{rows} inner corners (where four squares meet): not \
-                     squares are counted",
+                    ". {} shows a board of {columns}x{rows} inner corners: count where four squares \
+                     meet, not squares",
                     picture.key
                 );
                 break;

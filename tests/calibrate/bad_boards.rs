@@ -49,7 +49,7 @@ fn a_board_of_another_size_is_named() {
     pictures(folder.path(), (8, 5), &poses(3, [3.5 * SQUARE_M, 2.0 * SQUARE_M], 0.3, 0.3, 0.0, 2));
     let said = refusal(folder.path());
     assert!(said.contains("0 usable views") && said.contains("1 (no board of 9x6"), "{said}");
-    assert!(said.contains("0 shows a board of 8x5 inner corners"), "{said}");
+    assert!(said.contains("0 shows a board of 8x5 inner corners: count"), "{said}");
 }
 
 #[test]
@@ -96,9 +96,9 @@ fn boards_in_one_corner_and_a_picture_of_another_size() {
     save(&large.picture(&facing, &board, 0.5, 9), &folder.path().join("-.png"));
     let out = folder.path().join("made/out.toml");
     let result = calibrate(&out, &[&["--color", text(folder.path())], &BOARD[..]].concat());
-    let odd = refused(&result["color"]);
-    assert_eq!(odd.len(), 1, "{odd:?}");
-    assert!(odd[0].0 == "-" && odd[0].1.contains("640x480 pixels, most have 320x240"), "{odd:?}");
+    let all = refused(&result["color"]);
+    let odd = all.iter().find(|r| r.0 == "-").expect("refused");
+    assert!(odd.1.contains("640x480 pixels, most have 320x240"), "{all:?}");
     let warning = result["color"]["coverage_warning"].as_str().expect("a warning");
     assert!(warning.contains("quarters upper right, lower left, lower right"), "{warning}");
 }
