@@ -18,10 +18,7 @@ pub(super) fn problems(settings: &Settings) -> Vec<String> {
     );
     tracking(settings, &mut need);
     need(place(settings.volume.centre), "volume.centre: three numbers within 1000 km");
-    need(
-        (8..=2048).contains(&s.auxiliary_resolution),
-        "surface.auxiliary_resolution: 8 to 2048",
-    );
+    need((8..=2048).contains(&s.auxiliary_resolution), "surface.auxiliary_resolution: 8 to 2048");
     need(not_negative(s.light_tolerance_deg), "surface.light_tolerance_deg: 0 or more");
     for (name, window) in [
         ("merge_window", g.merge_window),
@@ -64,10 +61,7 @@ fn tracking(settings: &Settings, need: &mut impl FnMut(bool, &str)) {
     need((0.0..=1.0).contains(&t.min_inlier_share), "tracking.min_inlier_share: 0 to 1");
     need((0.0..=1.0).contains(&t.min_overlap), "tracking.min_overlap: 0 to 1");
     need(positive(t.max_rms_m), "tracking.max_rms_m: above 0");
-    need(
-        (0.0..=1.0).contains(&t.min_eigenvalue_ratio),
-        "tracking.min_eigenvalue_ratio: 0 to 1",
-    );
+    need((0.0..=1.0).contains(&t.min_eigenvalue_ratio), "tracking.min_eigenvalue_ratio: 0 to 1");
     need(positive(t.max_step_m), "tracking.max_step_m: above 0");
     need(positive(t.max_step_rad), "tracking.max_step_rad: above 0");
 }

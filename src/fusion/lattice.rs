@@ -89,9 +89,8 @@ impl VolumeParams {
             problems.push(format!("side_m is {side_m}, must be above 0, from {least} to {most}"));
         }
         if !(8..=512).contains(&resolution) || !resolution.is_multiple_of(8) {
-            problems.push(format!(
-                "resolution is {resolution}, must be a multiple of 8 from 8 to 512"
-            ));
+            problems
+                .push(format!("resolution is {resolution}, must be a multiple of 8 from 8 to 512"));
         }
         if !(1..=1024).contains(&max_weight) {
             problems.push(format!("max_weight is {max_weight}, must be from 1 to 1024"));

@@ -115,7 +115,8 @@ pub fn spectrum(equations: &NormalEquations) -> Spectrum {
     let largest = values.max();
     let limit = RANK_TOLERANCE * largest;
     // Not the quotient with 1e-16 of the largest, which rounding lifts above the limit.
-    let condition = if largest > 0.0 { largest / values.min().max(f64::MIN_POSITIVE) } else { MAX_CONDITION };
+    let condition =
+        if largest > 0.0 { largest / values.min().max(f64::MIN_POSITIVE) } else { MAX_CONDITION };
     Spectrum {
         rank: values.iter().filter(|&&v| v > limit).count(),
         condition: condition.min(MAX_CONDITION),

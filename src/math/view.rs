@@ -29,7 +29,9 @@ impl Pinhole {
             return Err(format!("has pictures of {}", self.size()));
         }
         if !([fx, fy].iter().all(|f| *f > 0.0 && f.is_finite())) {
-            return Err(format!("has focal lengths {fx} and {fy}; both must be above 0 and finite"));
+            return Err(format!(
+                "has focal lengths {fx} and {fy}; both must be above 0 and finite"
+            ));
         }
         match cx.is_finite() && cy.is_finite() {
             true => Ok(()),

@@ -207,12 +207,7 @@ impl TransferParams {
             &self.jitter_tile,
             "1 to 16",
         )?;
-        allowed(
-            length(self.ray_length_m),
-            "transfer.ray_length_m",
-            &self.ray_length_m,
-            LENGTH,
-        )?;
+        allowed(length(self.ray_length_m), "transfer.ray_length_m", &self.ray_length_m, LENGTH)?;
         allowed(
             length(self.refine_depth_m),
             "transfer.refine_depth_m",

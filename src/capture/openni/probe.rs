@@ -1,6 +1,8 @@
 //! What is here, found out by trying. A driver may crash or hang in any of these: call them in a process that
 //! may be lost.
 
+#![allow(unsafe_code, reason = "calls of a C library")]
+
 use super::device_handle::{Device, Sensor, Stream};
 use super::ffi;
 use super::library;

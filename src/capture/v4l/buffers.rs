@@ -1,5 +1,7 @@
 //! Buffers that a driver fills, mapped into this process.
 
+#![allow(unsafe_code, reason = "calls of the kernel")]
+
 use super::node::{CAPTURE, Node, Plain, zeroed};
 use std::io;
 use std::ptr::{NonNull, null_mut};

@@ -1,5 +1,7 @@
 //! A colour camera that streams.
 
+#![allow(unsafe_code, reason = "calls of the kernel")]
+
 use super::buffers::{Buffers, Filled};
 use super::modes::{self, Mode, Wanted};
 use super::node::{CAPTURE, Identity, Node, hz, zeroed};

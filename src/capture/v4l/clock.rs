@@ -1,5 +1,7 @@
 //! When a picture was taken.
 
+#![allow(unsafe_code, reason = "calls of the kernel")]
+
 use std::ffi::{c_int, c_long};
 use std::time::{Duration, Instant};
 use v4l::v4l_sys as sys;

@@ -1,5 +1,7 @@
 //! Which YCbCr and which RGB a driver gives.
 
+#![allow(unsafe_code, reason = "calls of the kernel")]
+
 use crate::capture::pixel_formats::PixelFormat;
 use v4l::v4l_sys as sys;
 

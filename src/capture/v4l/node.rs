@@ -4,6 +4,8 @@
 //! is cut inside a character and at whatever is newer than the crate, and after a wait without a picture it
 //! queues a buffer twice.
 
+#![allow(unsafe_code, reason = "calls of the kernel")]
+
 use super::modes::{Offered, Rates, Sizes};
 use crate::image::Size;
 use std::io;
