@@ -193,7 +193,8 @@ impl Fit {
         // where a rest of the usual size would drown in noise, nothing is learnt of its size
         let all = trace + noise / usual.max(f64::MIN_POSITIVE);
         let directions = trace * trace / squared * (trace / all);
-        let found = rest.dot(&(seen * &rest)) / all;
+        // no more than all light: what the lamp's own prior keeps back shows as a rest too
+        let found = (rest.dot(&(seen * &rest)) / all).min(usual);
         (USUAL * usual + directions * found) / (USUAL + directions)
     }
 }
