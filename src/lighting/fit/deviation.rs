@@ -29,7 +29,7 @@ use glam::Vec3;
 use nalgebra::{DMatrix, DVector};
 
 /// Second moments are taken of this many packets at most.
-const PACKETS: usize = 96;
+const PACKETS: usize = 48;
 
 /// The usual size of a coefficient counts as much as the rest's size in so many independent directions.
 const USUAL: f64 = 1.0;
@@ -87,7 +87,8 @@ impl Fit {
         shown.view_mut((n, 0), (m, n)).copy_from(&t_j.transpose());
 
         let by_band = DVector::from_vec(Penalty::weights(n, of.params)).map(|w| 1.0 / w);
-        let size = self.size_of_rest(&seen, &(of_rest * &shown), &by_band, of.light);
+        let noise = of.noise * (&seen * &of_rest * &squares * of_rest.transpose()).trace();
+        let size = self.size_of_rest(&seen, &(of_rest * &shown), noise, &by_band, of.light);
         let mut sizes = by_band * size;
         // all light is positive: its mean may be far above what its parts differ by
         sizes[0] = sizes[0].max(f64::from(self.rest[0]).powi(2));
@@ -121,7 +122,8 @@ impl Fit {
         let d = n + sensitivity.map_or(0, Sensitivity::parameters);
         let packets: usize = bank.batches().map(|batch| batch.packets.len()).sum();
         let every = packets.div_ceil(PACKETS).max(1);
-        let (mut gram, mut squares) = (DMatrix::zeros(d, d), DMatrix::zeros(d, d));
+        // columns of the lower triangles
+        let (mut gram, mut squares) = (vec![0.0; d * d], vec![0.0; d * d]);
         let (mut row, mut weight) = (vec![0.0; d], 0.0);
         for batch in bank.batches() {
             let by_lamp = sensitivity.map(|s| s.of_samples(batch, n, every)).unwrap_or_default();
@@ -138,20 +140,23 @@ impl Fit {
                     weight += w;
                     for c in 0..d {
                         let (a, b) = (w * row[c], whole * whole * row[c]);
-                        for r in c..d {
-                            gram[(r, c)] += a * row[r];
-                            squares[(r, c)] += b * row[r];
+                        let column = c * d + c..(c + 1) * d;
+                        let sums = gram[column.clone()].iter_mut().zip(&mut squares[column]);
+                        for ((gram, squares), value) in sums.zip(&row[c..]) {
+                            *gram += a * value;
+                            *squares += b * value;
                         }
                     }
                 }
             }
         }
         let scale = if weight > 0.0 { self.equations().weight / weight } else { 0.0 };
-        for sums in [&mut gram, &mut squares] {
-            sums.fill_upper_triangle_with_lower_triangle();
-            *sums *= scale;
-        }
-        Moments { gram, squares }
+        let whole = |sums: Vec<f64>| {
+            let mut matrix = scale * DMatrix::from_vec(d, d, sums);
+            matrix.fill_upper_triangle_with_lower_triangle();
+            matrix
+        };
+        Moments { gram: whole(gram), squares: whole(squares) }
     }
 
     /// L: what the lamp's parameters change in the light at the point.
@@ -164,11 +169,13 @@ impl Fit {
         DMatrix::from_fn(n, columns.len(), |r, c| columns[c][r])
     }
 
-    /// Variance of a coefficient of the rest in band 1. `filtered` is the rest that is found of a rest.
+    /// Variance of a coefficient of the rest in band 1. `filtered` is the rest that is found of a rest, `noise` the
+    /// energy that noise alone shows of one.
     fn size_of_rest(
         &self,
         seen: &DMatrix<f64>,
         filtered: &DMatrix<f64>,
+        noise: f64,
         by_band: &DVector<f64>,
         light: &ShLight,
     ) -> f64 {
@@ -183,8 +190,11 @@ impl Fit {
         if !(trace > 0.0 && squared > 0.0) {
             return usual;
         }
-        let directions = trace * trace / squared;
-        let found = rest.dot(&(seen * &rest)) / trace;
+        // where a rest of the usual size would drown in noise, nothing is learnt of its size
+        let all = trace + noise / usual.max(f64::MIN_POSITIVE);
+        let directions = trace * trace / squared * (trace / all);
+        // no more than all light: what the lamp's own prior keeps back shows as a rest too
+        let found = (rest.dot(&(seen * &rest)) / all).min(usual);
         (USUAL * usual + directions * found) / (USUAL + directions)
     }
 }

@@ -104,8 +104,11 @@ fn worse_and_worse(on: Device, params: &LightParams) -> Outcome {
     let mut said = String::new();
     for (name, normal, _) in normal_sets() {
         let e = found(on, params, &made(normal))?;
-        // of bands 0 and 1, which all solvers find where they are seen
-        let deviation = e.deviation[..4].iter().map(|d| d * d).sum::<f32>().sqrt();
+        // of bands 0 and 1, which all solvers find where they are seen, beside the light that is
+        // found; above 1 it is unknown, and more does not say more
+        let size = norm(&e.light) as f32;
+        let deviation = e.deviation[..4].iter().map(|d| d * d).sum::<f32>().sqrt() / size;
+        let deviation = deviation.min(1.0);
         said += &format!(" {name} {:.0e} {deviation:.2}", e.condition);
         if let Some((condition, before)) = last
             && (e.condition > condition * 1.001 || deviation > before)
