@@ -92,6 +92,24 @@ fn between(code: f64) -> (usize, f64) {
     (below, (code / below as f64).ln() / (1.0 + 1.0 / below as f64).ln())
 }
 
+/// Standard deviation of codes, by bands of sixteen: light's own noise grows with it, and scans and
+/// compression have their own.
+struct Noise([f64; 16]);
+
+impl Noise {
+    fn at(&self, code: f64) -> f64 {
+        let place = (code / 16.0 - 0.5).clamp(0.0, 15.0);
+        let below = (place as usize).min(14);
+        self.0[below] + (place - below as f64) * (self.0[below + 1] - self.0[below])
+    }
+
+    fn median(&self) -> f64 {
+        let mut sorted = self.0;
+        sorted.sort_by(f64::total_cmp);
+        sorted[8]
+    }
+}
+
 /// Light of a pixel and what each of its codes says of the curve.
 struct Pixel<'a> {
     codes: &'a [u8],
@@ -109,18 +127,18 @@ pub(super) fn fit(
     let curve = Curve::new(&log_light);
     let mut pixels: Vec<Pixel> =
         samples.iter().filter_map(|codes| first_light(&curve, codes, log_times)).collect();
-    let mut noise = 1.0;
+    let mut noise = Noise([1.0; 16]);
     let mut used = Vec::new();
     for _ in 0..ROUNDS {
         let curve = Curve::new(&log_light);
         for pixel in &mut pixels {
             for _ in 0..2 {
-                step_light(&curve, pixel, log_times, noise);
+                step_light(&curve, pixel, log_times, &noise);
             }
         }
-        used = known(&curve, &pixels, log_times, noise);
-        noise = noise_of(&curve, &used, log_times, noise).ok_or_else(undetermined)?;
-        let of_pixel = |pixel: &&Pixel| equations(&curve, pixel, log_times, noise);
+        used = known(&curve, &pixels, log_times, &noise);
+        noise = noise_of(&curve, &used, log_times, &noise).ok_or_else(undetermined)?;
+        let of_pixel = |pixel: &&Pixel| equations(&curve, pixel, log_times, &noise);
         let (mut matrix, right, total) = normal_equations(used.iter().map(of_pixel));
         let count: f64 =
             used.iter().flat_map(of_pixel).map(|e| e.weight * curve.slope(e.at).powi(2)).sum();
@@ -128,7 +146,7 @@ pub(super) fn fit(
         // The curve's height is free (light has no unit here): g(128) = 0.
         matrix[(128, 128)] += total;
         let solved = matrix.cholesky().map(|c| c.solve(&right)).ok_or_else(undetermined)?;
-        let held = held(&curve, &used, log_times, noise);
+        let held = held(&curve, &used, log_times, &noise);
         let moved = (0..CODES)
             .filter(|&z| held[z])
             .map(|z| (solved[z] - log_light[z]).abs() / curve.slope[z])
@@ -142,8 +160,8 @@ pub(super) fn fit(
     let top = curve.log_light[CODES - 1];
     Ok(Channel {
         pixels: used.len(),
-        noise,
-        held: held(&curve, &used, log_times, noise),
+        noise: noise.median(),
+        held: held(&curve, &used, log_times, &noise),
         curve: curve.log_light.iter().map(|v| (v - top).exp()).collect(),
     })
 }
@@ -186,15 +204,17 @@ struct Prediction {
     code: f64,
     /// How far the expected code moves with the predicted one: 1 clear of the ends.
     gain: f64,
+    /// Of a code, by noise.
+    deviation: f64,
     /// Of the curve.
     slope: f64,
     log_time: f64,
 }
 
 impl Prediction {
-    /// What it knows of the logarithm of light, in terms of the noise of a code.
+    /// What it knows of the logarithm of light: one over its variance.
     fn information(&self) -> f64 {
-        (self.gain / self.slope).powi(2)
+        (self.gain / (self.slope * self.deviation)).powi(2)
     }
 }
 
@@ -203,15 +223,17 @@ fn predictions<'a>(
     curve: &'a Curve,
     pixel: &'a Pixel,
     log_times: &'a [f64],
-    noise: f64,
+    noise: &'a Noise,
 ) -> impl Iterator<Item = Prediction> + 'a {
     pixel.codes.iter().zip(log_times).filter_map(move |(&found, &log_time)| {
         let code = curve.code(pixel.log_light + log_time);
-        let (expected, gain) = cut_off(code, noise);
+        let deviation = noise.at(code);
+        let (expected, gain) = cut_off(code, deviation);
         (code >= LOWEST && gain > LEFT_BY_ENDS).then(|| Prediction {
             off: f64::from(found) - expected,
             code,
             gain,
+            deviation,
             slope: curve.slope(code),
             log_time,
         })
@@ -237,10 +259,10 @@ fn below(deviations: f64) -> f64 {
     if deviations < 0.0 { tail } else { 1.0 - tail }
 }
 
-fn step_light(curve: &Curve, pixel: &mut Pixel, log_times: &[f64], noise: f64) {
+fn step_light(curve: &Curve, pixel: &mut Pixel, log_times: &[f64], noise: &Noise) {
     let (mut sum, mut total) = (0.0, 0.0);
     for p in predictions(curve, pixel, log_times, noise) {
-        sum += p.off * p.gain / p.slope;
+        sum += p.information() * p.off * p.slope / p.gain;
         total += p.information();
     }
     if total > 0.0 {
@@ -253,12 +275,12 @@ fn known<'a>(
     curve: &Curve,
     pixels: &'a [Pixel<'a>],
     log_times: &[f64],
-    noise: f64,
+    noise: &Noise,
 ) -> Vec<&'a Pixel<'a>> {
     let deviation = |pixel: &Pixel| {
         let each = predictions(curve, pixel, log_times, noise);
         let (count, sum) = each.fold((0, 0.0), |(n, s), p| (n + 1, s + p.information()));
-        (count >= 2).then(|| noise / sum.sqrt())
+        (count >= 2).then(|| 1.0 / sum.sqrt())
     };
     let all: Vec<_> = pixels.iter().filter_map(|p| Some((p, deviation(p)?))).collect();
     let mut sorted: Vec<f64> = all.iter().map(|p| p.1).collect();
@@ -268,28 +290,37 @@ fn known<'a>(
 }
 
 /// Robust standard deviation of codes that the ends leave alone; each pixel's light has taken one degree of
-/// freedom.
-fn noise_of(curve: &Curve, used: &[&Pixel], log_times: &[f64], noise: f64) -> Option<f64> {
-    let mut sizes: Vec<f64> = Vec::new();
+/// freedom. Bands with few codes take that of all.
+fn noise_of(curve: &Curve, used: &[&Pixel], log_times: &[f64], noise: &Noise) -> Option<Noise> {
+    const ENOUGH: usize = 200;
+    let mut sizes: Vec<(usize, f64)> = Vec::new();
     for pixel in used {
         let before = sizes.len();
         let each = predictions(curve, pixel, log_times, noise).filter(|p| p.gain > 0.99);
-        sizes.extend(each.map(|p| p.off.abs()));
+        sizes.extend(each.map(|p| ((p.code as usize / 16).min(15), p.off.abs())));
         let count = (sizes.len() - before) as f64;
         let scale = (count / (count - 1.0).max(1.0)).sqrt();
-        sizes[before..].iter_mut().for_each(|size| *size *= scale);
+        sizes[before..].iter_mut().for_each(|size| size.1 *= scale);
     }
-    let middle = sizes.len() / 2;
-    let (_, median, _) =
-        (!sizes.is_empty()).then(|| sizes.select_nth_unstable_by(middle, f64::total_cmp))?;
     // 1.48 times the median is one sigma of a normal distribution; rounding alone makes 0.29.
-    Some((1.4826 * *median).max(0.29))
+    let deviation = |mut sizes: Vec<f64>| {
+        let middle = sizes.len() / 2;
+        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+        (1.4826 * *median).max(0.29)
+    };
+    let all = (!sizes.is_empty()).then(|| deviation(sizes.iter().map(|s| s.1).collect()))?;
+    let of_band = |band: usize| {
+        let own: Vec<f64> = sizes.iter().filter(|s| s.0 == band).map(|s| s.1).collect();
+        // Half way by ratio: a band that pixels' lights follow looks quieter than it is.
+        if own.len() < ENOUGH { all } else { (all * deviation(own)).sqrt() }
+    };
+    Some(Noise(std::array::from_fn(of_band)))
 }
 
 /// What the codes of a pixel say, linear about the predicted ones.
-fn equations(curve: &Curve, pixel: &Pixel, log_times: &[f64], noise: f64) -> Vec<Equation> {
+fn equations(curve: &Curve, pixel: &Pixel, log_times: &[f64], noise: &Noise) -> Vec<Equation> {
     let of_code = |p: Prediction| {
-        let robust = (HUBER * noise / p.off.abs().max(1e-9)).min(1.0);
+        let robust = (HUBER * p.deviation / p.off.abs().max(1e-9)).min(1.0);
         Equation {
             at: p.code,
             target: p.log_time - p.off * p.slope / p.gain,
@@ -364,7 +395,7 @@ fn add_smoothness(matrix: &mut DMatrix<f64>, curve: &Curve, strength: f64) {
 }
 
 /// Which codes the pictures determine.
-fn held(curve: &Curve, used: &[&Pixel], log_times: &[f64], noise: f64) -> Vec<bool> {
+fn held(curve: &Curve, used: &[&Pixel], log_times: &[f64], noise: &Noise) -> Vec<bool> {
     let mut counts = vec![0usize; CODES];
     for pixel in used {
         for p in predictions(curve, pixel, log_times, noise).filter(|p| p.gain > 0.5) {
@@ -374,7 +405,7 @@ fn held(curve: &Curve, used: &[&Pixel], log_times: &[f64], noise: f64) -> Vec<bo
     let near = |z: usize| counts[z.saturating_sub(1)..(z + 2).min(CODES)].iter().sum::<usize>();
     let enough = |z: usize| {
         let tolerance = HELD_CODES.max(HELD_LIGHT / curve.slope[z]);
-        near(z) as f64 >= (noise / tolerance).powi(2)
+        near(z) as f64 >= (noise.at(z as f64) / tolerance).powi(2)
     };
     // Smoothness alone moves the lowest codes of a curve with a straight toe (sRGB) by a tenth of a code.
     (0..CODES).map(|z| z as f64 >= 3.0 * LOWEST && enough(z)).collect()
