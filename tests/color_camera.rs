@@ -9,7 +9,7 @@ use kinlight::capture::live::{
     ColorCamera, ColorDriver, ColorPicture, DeviceError, DeviceInfo, LiveDevice, LiveDriver,
     LiveOptions, LiveSource,
 };
-use kinlight::capture::openni::{OpenniDriver, OpenniOptions};
+use kinlight::capture::openni::{OniFiles, OpenniDriver, OpenniOptions};
 use kinlight::capture::{Calibration, FrameSource, RawFrame, Registration};
 use kinlight::image::{Image, Size};
 use std::collections::VecDeque;
@@ -447,7 +447,7 @@ fn what_is_missing_is_named() {
             assert!(said.contains("pictures are 64x48, the calibration is for 64x60"), "{said}");
             let said = error(OpenniOptions { color_delay_s: -0.9, ..options(folder) });
             assert!(said.contains("-900 ms") && said.contains("up to 700 ms"), "{said}");
-            let record = Some(folder.join("room.oni"));
+            let record = Some(OniFiles::new(folder.join("room.oni")));
             let said = error(OpenniOptions { record, ..options(folder) });
             assert!(said.contains("no .oni with a colour camera beside it"), "{said}");
             assert!(!folder.join("room.oni").exists());

@@ -47,6 +47,23 @@ fn assert_played(frames: &[RawFrame], played: &Played) {
     }
 }
 
+/// As [`assert_played`], but depth and colour may be one frame apart, the same for all: OpenNI2 dates what it
+/// records from each stream's first frame, and a clock's tick may fall between the starts of two streams.
+fn assert_played_at_most_one_apart(frames: &[RawFrame], played: &Played) {
+    let mut next = 0;
+    let mut apart = Vec::new();
+    for frame in frames {
+        let color = |p: &(Vec<u16>, Vec<[u8; 3]>)| frame.color.as_slice() == p.1;
+        let of_color = played.frames[next..].iter().position(color).expect("a later colour") + next;
+        let stored: Vec<u16> =
+            frame.depth_m.as_slice().iter().map(|m| (m * 1000.0).round() as u16).collect();
+        let of_depth = played.frames.iter().position(|p| p.0 == stored).expect("depth as played");
+        apart.push(of_depth as i64 - of_color as i64);
+        next = of_color + 1;
+    }
+    assert!(apart.iter().all(|&a| a == apart[0] && a.abs() <= 1), "{apart:?}");
+}
+
 fn frames_of(source: &mut dyn FrameSource) -> Vec<RawFrame> {
     std::iter::from_fn(|| source.next_frame().unwrap()).collect()
 }
@@ -127,7 +144,7 @@ fn a_sensor_that_comes_back_continues_in_another_file_and_all_are_named() {
             for name in &names[..2] {
                 let frames = frames_in(Path::new(name));
                 assert!(frames.len() > 5, "{name}: {} frames", frames.len());
-                assert_played(&frames, &played());
+                assert_played_at_most_one_apart(&frames, &played());
             }
         },
     );

@@ -111,7 +111,7 @@ impl OpenniReport {
         let Some(folder) = &self.drivers_folder else { return Vec::new() };
         let mut problems: Vec<_> =
             self.drivers.iter().filter_map(|d| d.problem(folder, &self.driver_ending)).collect();
-        if self.working_drivers().all(|file| is_no_sensors(file)) {
+        if self.working_drivers().all(is_no_sensors) {
             problems.push(Problem::new(
                 format!("there is no driver for a sensor in {}", folder.display()),
                 "put the driver of your sensor there, or install a whole OpenNI2 (apt install libopenni2-0)",

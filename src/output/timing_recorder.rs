@@ -91,7 +91,7 @@ mod tests {
     fn timing(frame: usize, rng: &mut Rng) -> FrameTiming {
         let mut stages = StageTimes::default();
         for stage in Stage::ALL {
-            let slow = if rng.next_u32() % 50 == 0 { 10.0 } else { 1.0 };
+            let slow = if rng.next_u32().is_multiple_of(50) { 10.0 } else { 1.0 };
             let ms = slow * (5.0 + 35.0 * f64::from(rng.uniform()));
             stages.add(stage, Duration::from_secs_f64(1e-3 * ms));
         }

@@ -100,7 +100,8 @@ fn a_paced_stream_is_the_replay_of_the_frames_it_took() {
     assert_eq!(whole.written(), FRAMES);
     let replay = |recording: &Path, name: &str| {
         let out = whole.at(name);
-        let args = ["replay", text(recording), "--no-object", "--out", text(&out)];
+        let args =
+            ["replay", text(recording), "--no-object", "--follow-links", "--out", text(&out)];
         whole
             .run(&[&args[..], &["--without", "frames"], &COMPUTE].concat(), name)
             .end()
