@@ -216,7 +216,7 @@ fn check_transfer(broken: &mut Broken, what: &str, map: &TransferMap) {
     let points = map.coefficients.chunks_exact(n);
     let bad = points.filter(|t| {
         let length = t.iter().map(|c| c * c).sum::<f32>().sqrt();
-        !(-VISIBLE..=1.0 + VISIBLE).contains(&(t[0] / y00)) || !(length <= longest)
+        !(-VISIBLE..=1.0 + VISIBLE).contains(&(t[0] / y00)) || length.is_nan() || length > longest
     });
     let bad: Vec<&[f32]> = bad.collect();
     broken.values(bad.len(), || format!("{what}: {:?}", bad[0]));

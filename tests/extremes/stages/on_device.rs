@@ -33,6 +33,7 @@ fn pictures(gpu: &Gpu, frame: &RgbdFrame) -> Fallible<FramePictures> {
 }
 
 /// A map of the room.
+#[expect(clippy::large_enum_variant, reason = "there is one at a time")]
 pub enum Map<'g> {
     Cpu(TsdfVolume),
     Gpu(&'g Gpu, Box<GpuVolume>),
