@@ -1,10 +1,11 @@
 //! Every stage at the ends of its inputs and past them, on both backends from one body, as a table.
 //!
-//! `cargo test --test extremes [-- [--markdown] [--cpu] FILTER]`: cases whose stage or name contain FILTER; `--cpu`
-//! without a GPU, as a rule in a fifth of the time.
+//! `cargo test --test extremes [-- [--markdown] [--cpu] FILTER]`: cases whose stage or name contain FILTER; `--cpu`,
+//! or `KINLIGHT_EXTREMES=cpu`, without a GPU, as a rule in a fifth of the time.
 
 mod checks;
 mod frames;
+mod known;
 mod models;
 mod runs;
 mod table;
@@ -29,7 +30,8 @@ fn main() -> ExitCode {
         std::env::args().skip(1).partition(|arg| arg.starts_with('-'));
     let given = |name: &str| flags.iter().any(|flag| flag == name);
     let layout = if given("--markdown") { Layout::Markdown } else { Layout::Columns };
-    let mut table = Table::new(filters.into_iter().next(), layout, !given("--cpu"));
+    let on_cpu = std::env::var("KINLIGHT_EXTREMES").is_ok_and(|v| v == "cpu") || given("--cpu");
+    let mut table = Table::new(filters.into_iter().next(), layout, !on_cpu);
     depths::cases(&mut table);
     sizes::cases(&mut table);
     colours::cases(&mut table);
