@@ -14,8 +14,8 @@ pub const SMALLEST: f64 = 1e-4;
 const LARGEST: f64 = 1e7;
 
 /// Of measurements that are not negative. Beyond the first 4096 values, quantiles are the middles of bins,
-/// which are wrong by at most half a bin: 0.25 %, or [`SMALLEST`] where that is more (values below
-/// [`SMALLEST`] have one bin, those beyond 1e7 as well). The largest value is always exact.
+/// which are wrong by at most half a bin: 0.25 %, or `SMALLEST` where that is more (values below
+/// `SMALLEST` have one bin, those beyond 1e7 as well). The largest value is always exact.
 #[derive(Clone, Debug, Default)]
 pub struct Distribution {
     first: Vec<f64>,
