@@ -202,7 +202,12 @@ impl Pipeline {
     ) -> Result<FrameOutcome, PipelineError> {
         let (start, before) = (Instant::now(), times.update());
         shared::check_frame(&raw)?;
-        let origin = shared::local_world(&mut self.origin, &mut self.scene, raw.world_from_camera);
+        let origin = shared::local_world(
+            &mut self.origin,
+            &mut self.scene,
+            raw.world_from_camera,
+            self.settings.tracking.mode,
+        );
         let pose_in_world = raw.world_from_camera.take();
         raw.world_from_camera = pose_in_world.and_then(|pose| origin.local_camera(&pose));
         let recorded_pose = pose_in_world.filter(|_| raw.world_from_camera.is_some());

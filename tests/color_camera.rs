@@ -4,7 +4,7 @@
 mod common;
 
 use common::text;
-use common::virtual_sensor::{Played, scenario, with_sensor};
+use common::virtual_sensor::{Played, TWO_CAMERAS, scenario, with_sensor};
 use kinlight::capture::live::{
     ColorCamera, ColorDriver, ColorPicture, DeviceError, DeviceInfo, LiveDevice, LiveDriver,
     LiveOptions, LiveSource,
@@ -25,28 +25,6 @@ const SOON: Duration = Duration::from_secs(5);
 const FPS: usize = 10;
 const PERIOD_S: f64 = 1.0 / FPS as f64;
 
-const CALIBRATION: &str = r#"
-name = "a sensor and a camera beside it"
-registered = false
-[color]
-width = 64
-height = 48
-fx = 60.0
-fy = 60.0
-cx = 31.5
-cy = 23.5
-[depth]
-width = 32
-height = 24
-fx = 29.0
-fy = 29.0
-cx = 15.5
-cy = 11.5
-[color_from_depth]
-translation_m = [0.025, 0.0, 0.001]
-rotation_xyzw = [0.0, 0.0, 0.0, 1.0]
-"#;
-
 /// Depth alone: a smooth surface, another in each frame.
 fn depth_frames(count: usize) -> Played {
     let depth = |k: usize| {
@@ -63,12 +41,12 @@ fn depth_frames(count: usize) -> Played {
 
 fn prepare(folder: &Path, frames: usize, script: &str) {
     depth_frames(frames).write(folder, &format!("fps {FPS}\npace clock\n{script}"));
-    std::fs::write(folder.join("two.toml"), CALIBRATION).unwrap();
+    std::fs::write(folder.join("two.toml"), TWO_CAMERAS).unwrap();
 }
 
 /// Depth of each frame as the colour camera sees it.
 fn registered(frames: usize) -> Vec<Image<f32>> {
-    let known = Calibration::from_toml(CALIBRATION).unwrap();
+    let known = Calibration::from_toml(TWO_CAMERAS).unwrap();
     let transform = known.color_from_depth.unwrap().pose().unwrap();
     let mut registration =
         Registration::new(&known.depth.unwrap(), known.color.pinhole(), &transform);
@@ -231,7 +209,7 @@ fn pairs(name: &str, latency_ms: u64, ahead_ms: i64) {
             let started = Instant::now();
             assert_eq!(
                 device.camera(),
-                Calibration::from_toml(CALIBRATION).unwrap().color.pinhole()
+                Calibration::from_toml(TWO_CAMERAS).unwrap().color.pinhole()
             );
             let mut seen = Vec::new();
             while let Some(frame) = device.wait(Duration::from_millis(700)).unwrap() {
@@ -404,7 +382,7 @@ fn colour_is_corrected_as_its_calibration_says() {
         |folder| {
             prepare(folder, 60, "");
             let swap = "[photometry]\ncolor_matrix = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\n";
-            std::fs::write(folder.join("two.toml"), format!("{CALIBRATION}{swap}")).unwrap();
+            std::fs::write(folder.join("two.toml"), format!("{TWO_CAMERAS}{swap}")).unwrap();
         },
         |folder| {
             let mut device = driver(&Script::default(), options(folder)).open().unwrap();
@@ -436,13 +414,13 @@ fn what_is_missing_is_named() {
             let none = error(OpenniOptions::default());
             assert!(none.contains("[color], [depth] and [color_from_depth]"), "{none}");
             let color_alone: String =
-                CALIBRATION.split("[depth]").next().unwrap().replace("false", "true");
+                TWO_CAMERAS.split("[depth]").next().unwrap().replace("false", "true");
             let said = error(calibrated("color.toml", color_alone));
             assert!(said.contains("color.toml has no [depth] and [color_from_depth]"), "{said}");
-            let no_pose = CALIBRATION.split("[color_from_depth]").next().unwrap();
+            let no_pose = TWO_CAMERAS.split("[color_from_depth]").next().unwrap();
             let said = error(calibrated("no_pose.toml", no_pose.replace("false", "true")));
             assert!(said.contains("no_pose.toml has no [color_from_depth]"), "{said}");
-            let other = CALIBRATION.replacen("height = 48", "height = 60", 1);
+            let other = TWO_CAMERAS.replacen("height = 48", "height = 60", 1);
             let said = error(calibrated("other.toml", other));
             assert!(said.contains("pictures are 64x48, the calibration is for 64x60"), "{said}");
             let said = error(OpenniOptions { color_delay_s: -0.9, ..options(folder) });
@@ -453,7 +431,7 @@ fn what_is_missing_is_named() {
             assert!(!folder.join("room.oni").exists());
 
             // The sensor's own registration counts for nothing.
-            let said_registered = CALIBRATION.replace("registered = false", "registered = true");
+            let said_registered = TWO_CAMERAS.replace("registered = false", "registered = true");
             let asked = calibrated("registered.toml", said_registered);
             let mut device = driver(&Script::default(), asked).open().unwrap();
             depth_number(&next(&mut *device), &registered(60));

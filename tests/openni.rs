@@ -5,7 +5,7 @@ mod common;
 
 use common::recording::small_demo;
 use common::text;
-use common::virtual_sensor::{Played, installed, scenario, with_sensor};
+use common::virtual_sensor::{Played, TWO_CAMERAS, installed, scenario, with_sensor};
 use kinlight::capture::live::{DeviceError, LiveDevice, LiveDriver};
 use kinlight::capture::openni::{OniFiles, OniOptions, OniSource, OpenniDriver, OpenniOptions};
 use kinlight::capture::{Calibration, FrameSource, RawFrame, Registration};
@@ -143,28 +143,6 @@ fn units_rates_and_mirroring_are_the_devices() {
     );
 }
 
-const CALIBRATION: &str = r#"
-name = "two cameras"
-registered = false
-[color]
-width = 64
-height = 48
-fx = 60.0
-fy = 60.0
-cx = 31.5
-cy = 23.5
-[depth]
-width = 32
-height = 24
-fx = 29.0
-fy = 29.0
-cx = 15.5
-cy = 11.5
-[color_from_depth]
-translation_m = [0.025, 0.0, 0.001]
-rotation_xyzw = [0.0, 0.0, 0.0, 1.0]
-"#;
-
 /// A smooth surface, which registration does not tear.
 fn slope(count: usize) -> Played {
     let mut played = Played::noise([32, 24], SIZE, count);
@@ -182,10 +160,10 @@ fn without_the_devices_registration_the_calibrations_is_used() {
         "without_the_devices_registration_the_calibrations_is_used",
         |folder| {
             slope(3).write(folder, "fov 1.0 0.8\n");
-            std::fs::write(folder.join("two.toml"), CALIBRATION).unwrap();
+            std::fs::write(folder.join("two.toml"), TWO_CAMERAS).unwrap();
         },
         |folder| {
-            let known = Calibration::from_toml(CALIBRATION).unwrap();
+            let known = Calibration::from_toml(TWO_CAMERAS).unwrap();
             let path = Some(folder.join("two.toml"));
             let options = OpenniOptions { calibration: path, ..OpenniOptions::default() };
             let mut device = open(options).unwrap();

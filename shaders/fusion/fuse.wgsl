@@ -12,8 +12,9 @@ struct FuseUniform {
     grid: u32,
     // slots, with slot 0
     capacity: u32,
-    pad0: u32,
-    pad1: u32,
+    // the share of a depth by which its neighbours may differ to be interpolated
+    edge: f32,
+    pad: u32,
 }
 
 // An entry of the list of blocks to integrate: the block's number, and whether its slot is new.

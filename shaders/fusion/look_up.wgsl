@@ -1,5 +1,4 @@
 // What a depth picture says of a voxel. Uses the bindings `params` and `depth_bits`.
-// Constant: EDGE, the share of a depth by which its neighbours may differ to be interpolated.
 #import fusion/fuse
 
 struct Seen {
@@ -53,7 +52,7 @@ fn look_up(block: vec3u, voxel: vec3u) -> Seen {
     let low = min(min(a, b), min(c, d));
     let high = max(max(a, b), max(c, d));
     var depth_m = depth_at(pixel);
-    if low > 0.0 && high - low <= EDGE * low {
+    if low > 0.0 && high - low <= params.edge * low {
         let top = a + (b - a) * fraction.x;
         let bottom = c + (d - c) * fraction.x;
         depth_m = top + (bottom - top) * fraction.y;

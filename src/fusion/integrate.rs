@@ -16,8 +16,11 @@ use rayon::prelude::*;
 /// Voxels handled together: two rows of a block.
 const LANES: usize = 16;
 /// Neighbouring depths that differ by more than this share of the depth lie on an edge: they are
-/// not interpolated. A plane seen at 80 degrees changes by 1 % from pixel to pixel.
-pub(crate) const EDGE: f32 = 0.02;
+/// not interpolated. To a Kinect's 640 pixels a plane seen at 80 degrees changes by 1 % from one to the next.
+const EDGE: f32 = 0.02;
+/// Tangent of 75 degrees: where pixels are so large that a plane seen at that angle changes by more than `EDGE`
+/// from one to the next, it is still one surface. Nearest pixels would put steps into every wall.
+const STEEPEST: f32 = 3.73;
 /// Voxels nearer to the camera's plane are not seen.
 pub(crate) const NEAREST_M: f32 = 1e-3;
 /// Frames in the running average of colour: an 8-bit average of more frames would not move.
@@ -25,6 +28,12 @@ pub(crate) const COLOR_WEIGHT: u8 = 8;
 /// Adding and taking this rounds to the nearest integer, ties to even: no drift in either
 /// direction, and it vectorises without SSE4.1.
 const ROUND: f32 = 12_582_912.0;
+
+/// The share of a depth beyond which neighbours in this view lie on an edge.
+pub(crate) fn edge(view: &View) -> f32 {
+    let (pixels_per_unit, _) = view.scale_and_centre();
+    if view.is_perspective() { EDGE.max(STEEPEST / pixels_per_unit.min_element()) } else { EDGE }
+}
 
 impl TsdfVolume {
     /// Averages the frame's depth, seen in `view`, into the volume. Pixels without depth say
@@ -75,6 +84,8 @@ struct Fuse<'a> {
     truncation_m: f32,
     max_weight: f32,
     free_weight: f32,
+    /// See [`edge`].
+    edge: f32,
 }
 
 impl<'a> Fuse<'a> {
@@ -102,6 +113,7 @@ impl<'a> Fuse<'a> {
             truncation_m: volume.lattice.truncation_m,
             max_weight,
             free_weight: f32::from(volume.params.free_weight).min(max_weight),
+            edge: edge(view),
         }
     }
 
@@ -204,7 +216,7 @@ fn look_up(fuse: &Fuse<'_>, first: Vec3) -> Option<Seen> {
     for i in 0..LANES {
         let [a, b, c, d] = [taps[0][i], taps[1][i], taps[2][i], taps[3][i]];
         let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
-        let smooth = (low > 0.0) & (high - low <= EDGE * low);
+        let smooth = (low > 0.0) & (high - low <= fuse.edge * low);
         let (top, bottom) = (a + (b - a) * fx[i], c + (d - c) * fx[i]);
         let (near_top, near_bottom) =
             (if fx[i] >= 0.5 { b } else { a }, if fx[i] >= 0.5 { d } else { c });

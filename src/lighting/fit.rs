@@ -16,8 +16,8 @@ pub use deviation::Deviating;
 const FIRST_ROUNDS: usize = 5;
 const ROUNDS: usize = 1;
 
-/// The median residual is taken over every n-th packet.
-const MEDIAN_STRIDE: usize = 2;
+/// The middle residual is taken over every n-th packet.
+const MIDDLE_STRIDE: usize = 2;
 
 /// How well a batch is explained.
 #[derive(Clone, Copy, Debug, Default)]
@@ -293,21 +293,34 @@ impl Fit {
         bank.weigh(params.balance_normals);
     }
 
-    /// 1.4826 times the median of the residuals: the standard deviation of a normal distribution.
+    /// 1.4826 times the median of the residuals: the standard deviation of a normal distribution. It is the mean of
+    /// the middle tenth: one residual alone moves with its own noise, and the light with it.
     fn robust_deviation(&mut self, bank: &Bank, residuals: &[[f32; LANES]]) -> f32 {
         let median = &mut self.scratch.median;
         median.clear();
         let packets = bank.batches().flat_map(|b| &b.packets).zip(residuals);
-        for (packet, residual) in packets.step_by(MEDIAN_STRIDE) {
+        for (packet, residual) in packets.step_by(MIDDLE_STRIDE) {
             median
                 .extend((0..LANES).filter(|&i| packet.present[i] > 0.0).map(|i| residual[i].abs()));
         }
         if median.is_empty() {
             return 0.0;
         }
-        let middle = median.len() / 2;
-        1.4826 * *median.select_nth_unstable_by(middle, f32::total_cmp).1
+        1.4826 * middle_mean(median)
     }
+}
+
+/// Mean of those of the middle tenth, by size. There must be one.
+fn middle_mean(values: &mut [f32]) -> f32 {
+    let (middle, half) = (values.len() / 2, values.len() / 20);
+    let (first, last) = (middle - half, (middle + half).min(values.len() - 1));
+    let (_, low, above) = values.select_nth_unstable_by(first, f32::total_cmp);
+    let mut sum = f64::from(*low);
+    if last > first {
+        let (within, high, _) = above.select_nth_unstable_by(last - first - 1, f32::total_cmp);
+        sum += f64::from(*high) + within.iter().map(|&v| f64::from(v)).sum::<f64>();
+    }
+    (sum / (last - first + 1) as f64) as f32
 }
 
 fn channel_count(params: &LightParams) -> usize {

@@ -9,6 +9,10 @@ const STEP_M: f64 = 8.0;
 /// Nothing of a run is further from where it began: f32 has steps of 6 cm there.
 pub const FARTHEST_M: f64 = 1e6;
 
+/// A run begins no further from its recording's origin: f64 has steps of 0.1 micrometres there, and no place
+/// on Earth is as far from its centre by a hundred times.
+const FARTHEST_FIRST_M: f64 = 1e9;
+
 /// How far a quaternion's length may be from 1.
 const ROUNDING: f64 = 1e-6;
 
@@ -53,8 +57,14 @@ impl WorldOrigin {
     }
 }
 
+/// Whether a run can begin at this pose.
+pub fn is_first_camera(world_from_camera: &Pose) -> bool {
+    let near = world_from_camera.translation.vector.iter().all(|v| v.abs() <= FARTHEST_FIRST_M);
+    near && is_rigid(world_from_camera)
+}
+
 /// Whether all is finite and the quaternion one of a rotation.
-pub fn is_rigid(pose: &Pose) -> bool {
+fn is_rigid(pose: &Pose) -> bool {
     let finite = pose.translation.vector.iter().all(|v| v.is_finite());
     finite && (pose.rotation.coords.norm() - 1.0).abs() <= ROUNDING
 }
@@ -83,10 +93,13 @@ mod tests {
         for (x, local) in [(10_000.0, true), (0.0, true), (1.02e6, false), (f64::NAN, false)] {
             assert_eq!(origin.local_camera(&at(x)).is_some(), local, "{x}");
         }
+        for (x, first) in [(-6.4e6, true), (1e9, true), (-1.1e9, false), (1e300, false)] {
+            assert_eq!(is_first_camera(&at(x)), first, "{x}");
+        }
         for w in [0.0, 2.0, f64::NAN, f64::INFINITY] {
             let q = nalgebra::Quaternion::new(w, 0.0, 0.0, 0.0);
             let turned = Pose::from_parts(at(1e4).translation, UnitQuaternion::new_unchecked(q));
-            assert!(origin.local_camera(&turned).is_none(), "{w}");
+            assert!(origin.local_camera(&turned).is_none() && !is_first_camera(&turned), "{w}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What the pipeline decides on the host, wherever the stages run.
 
-use super::origin::is_rigid;
+use super::origin::is_first_camera;
 use super::{PipelineError, WorldOrigin};
 use crate::capture::{RawFrame, RgbdFrame};
 use crate::config::Settings;
@@ -9,22 +9,28 @@ use crate::lighting::ShLight;
 use crate::math::{Pinhole, Pose, View, sh};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Model, Similarity, VirtualScene};
-use crate::tracking::{OnLost, Tracking, TrackingParams, TrackingState};
+use crate::tracking::{OnLost, PoseMode, Tracking, TrackingParams, TrackingState};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// The run's local coordinates. The first call chooses them near the camera, and moves the scene there.
+/// The run's local coordinates. The first camera chooses them, and the scene is moved there. Where poses are those of
+/// the recording, there is none before the first that a camera can have.
 pub fn local_world(
     origin: &mut Option<WorldOrigin>,
     scene: &mut VirtualScene,
     recorded_pose: Option<Pose>,
+    mode: PoseMode,
 ) -> WorldOrigin {
-    *origin.get_or_insert_with(|| {
-        let rigid = recorded_pose.filter(is_rigid);
-        let origin = WorldOrigin::near(&rigid.unwrap_or_default());
-        scene.translate(origin.local_point([0.0; 3]));
-        origin
-    })
+    if let Some(origin) = origin {
+        return *origin;
+    }
+    let first = recorded_pose.filter(is_first_camera);
+    let chosen = WorldOrigin::near(&first.unwrap_or_default());
+    if first.is_some() || mode != PoseMode::Recorded {
+        scene.translate(chosen.local_point([0.0; 3]));
+        *origin = Some(chosen);
+    }
+    chosen
 }
 
 /// Whether frames of this camera can be processed.

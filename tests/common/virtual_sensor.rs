@@ -17,6 +17,8 @@ const PLACES: [&str; 5] = [
     "/usr/lib",
     "/usr/local/lib",
 ];
+/// The calibration of a sensor of 32x24 without registration, and of a camera of 64x48 beside it.
+pub const TWO_CAMERAS: &str = include_str!("two_cameras.toml");
 /// Names the scenario that a process is for.
 const SCENARIO: &str = "KINLIGHT_TEST_SCENARIO";
 const FOLDER: &str = "KINLIGHT_TEST_FOLDER";

@@ -34,7 +34,12 @@ impl GpuPipeline {
     ) -> Result<FrameOutcome, PipelineError> {
         let (start, before) = (Instant::now(), times.update());
         shared::check_frame(raw)?;
-        let origin = shared::local_world(&mut self.origin, &mut self.scene, raw.world_from_camera);
+        let origin = shared::local_world(
+            &mut self.origin,
+            &mut self.scene,
+            raw.world_from_camera,
+            self.settings.tracking.mode,
+        );
         let recorded_pose = raw.world_from_camera.and_then(|pose| origin.local_camera(&pose));
 
         let gpu = self.gpu.clone();

@@ -19,11 +19,14 @@ pub fn add_cases(table: &mut Table) {
         ("transfer", "depth by 0.01 mm, smooth part", 1e-5, Statistic::Median, transfer_by_depth),
         // at a depth limit a sample is hidden or not: jumps, whose number grows with the change
         ("transfer", "depth by 1 mm, jumps included", 1e-3, Statistic::Mean, transfer_by_depth),
-        ("transfer", "pose by 1e-6", 1e-6, Statistic::Median, transfer_by_pose),
+        // by 1e-6 a coefficient changes by a step of f32
+        ("transfer", "pose by 1e-5", 1e-5, Statistic::Median, transfer_by_pose),
         ("light", "colour by a code", 4e-3, Statistic::Norm, light_by_color),
-        ("light", "transfer by 1e-4", 1e-4, Statistic::Norm, light_by_transfer),
+        // robust weights bend where a residual comes to their limit, and the lamp's place ends within 3e-5
+        ("light", "transfer by 2e-4", 2e-4, Statistic::Norm, light_by_transfer),
         ("picture", "R'/R, light by 1e-3", 1e-3, Statistic::Median, shading_by_light),
-        ("picture", "codes, light by a tenth", 0.1, Statistic::Mean, codes_by_light),
+        // small beside the lobes of the light, and still 0.2 codes in the mean: the share of pixels that change
+        ("picture", "codes, light by 0.02", 0.02, Statistic::Mean, codes_by_light),
         ("ray-cast", "depth, pose by 1e-6", 1e-6, Statistic::Median, raycast_by_pose),
         ("ray-cast", "depth, frame's depth by 0.1 mm", 1e-4, Statistic::Median, raycast_by_depth),
         ("registration", "pose, depth by 0.01 mm", 1e-5, Statistic::Norm, pose_by_depth),

@@ -3,6 +3,7 @@
 use super::GpuVolume;
 use super::uniforms::{FuseUniform, MarkUniform, RaysUniform, ViewFromVoxelUniform};
 use crate::fusion::FusionError;
+use crate::fusion::integrate::edge;
 use crate::gpu::stages::FramePictures;
 use crate::gpu::{Commands, GpuError};
 use crate::math::View;
@@ -43,7 +44,7 @@ impl GpuVolume {
             blocks => blocks,
         };
         self.pool.make_room(commands, blocks)?;
-        let fuse = self.fuse_uniform(from_voxel);
+        let fuse = self.fuse_uniform(from_voxel, view);
         self.mark(commands, frame, view)?;
         self.allocate(commands, &fuse)?;
         self.fuse(commands, frame, &fuse)?;
@@ -52,18 +53,18 @@ impl GpuVolume {
         Ok(())
     }
 
-    fn fuse_uniform(&self, view: ViewFromVoxelUniform) -> FuseUniform {
+    fn fuse_uniform(&self, from_voxel: ViewFromVoxelUniform, view: &View) -> FuseUniform {
         let max_weight = f32::from(self.params.max_weight);
         FuseUniform {
-            view,
+            view: from_voxel,
             voxel_m: self.lattice.voxel_m,
             truncation_m: self.lattice.truncation_m,
             max_weight,
             free_weight: f32::from(self.params.free_weight).min(max_weight),
             grid: self.lattice.grid as u32,
             capacity: self.pool.slots() as u32,
-            pad0: 0,
-            pad1: 0,
+            edge: edge(view),
+            pad: 0,
         }
     }
 

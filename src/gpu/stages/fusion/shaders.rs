@@ -29,12 +29,11 @@ pub fn allocate() -> Shader {
 }
 
 pub fn integrate() -> Shader {
-    with_voxels(number(fuse("fusion/integrate"), "EDGE", integrate::EDGE))
+    with_voxels(fuse("fusion/integrate"))
 }
 
 pub fn color() -> Shader {
-    number(fuse("fusion/color"), "EDGE", integrate::EDGE)
-        .with_u32("COLOR_WEIGHT", integrate::COLOR_WEIGHT.into())
+    fuse("fusion/color").with_u32("COLOR_WEIGHT", integrate::COLOR_WEIGHT.into())
 }
 
 pub fn release() -> Shader {

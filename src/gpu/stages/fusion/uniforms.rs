@@ -55,8 +55,8 @@ uniform! {
         free_weight: f32,
         grid: u32,
         capacity: u32,
-        pad0: u32,
-        pad1: u32,
+        edge: f32,
+        pad: u32,
     }
 }
 
