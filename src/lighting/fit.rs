@@ -337,3 +337,38 @@ fn channel_weights(channels: usize) -> [f32; 3] {
         _ => [1.0, 0.0, 0.0],
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_tenth_is_averaged() {
+        for (values, mean) in [
+            (vec![3.0], 3.0),
+            (vec![5.0, 1.0], 5.0),
+            (vec![9.0, 1.0, 4.0], 4.0),
+            // 45 to 55 of 0 to 100
+            ((0..=100).rev().map(|v| v as f32).collect(), 50.0),
+            // 9, 10 and 11 of 20
+            ((0..20).map(|v| (v * v) as f32).collect(), (81.0 + 100.0 + 121.0) / 3.0),
+        ] {
+            let mut given = values.clone();
+            assert_eq!(middle_mean(&mut given), mean, "{values:?}");
+        }
+    }
+
+    #[test]
+    fn one_value_hardly_moves_the_middle() {
+        let mut rng = crate::math::random::Rng::new(&[4]);
+        let values: Vec<f32> = (0..2000).map(|_| rng.normal().abs()).collect();
+        let found = middle_mean(&mut values.clone());
+        // The median of |x| of a normal distribution, to three deviations of that of 2000 samples.
+        assert!((found - 0.6745).abs() < 3.0 * 1.25 / 2000f32.sqrt(), "{found}");
+        let mut sorted = values.clone();
+        sorted.sort_by(f32::total_cmp);
+        let (gap, mut moved) = (sorted[1001] - sorted[999], sorted.clone());
+        moved[1000] += 0.4 * gap;
+        assert!((middle_mean(&mut moved) - found).abs() < 0.4 * gap / 200.0 + 1e-7);
+    }
+}

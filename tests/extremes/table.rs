@@ -153,6 +153,8 @@ impl Table {
             Ok(found) => (number(found.error), number(found.bound), found.what.as_str()),
             Err(why) => ("-".to_owned(), "-".to_owned(), why.as_str()),
         };
+        // messages of several lines
+        let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
         let slow = if took_s > 5.0 { format!(" ({took_s:.0} s)") } else { String::new() };
         let (verdict, what) = match (holds, known::why(stage, name)) {
             (true, None) => ("ok", format!("{what}{slow}")),

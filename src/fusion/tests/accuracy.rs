@@ -111,6 +111,38 @@ fn an_orthographic_frame_can_be_integrated() {
 }
 
 #[test]
+fn large_pixels_make_no_steps_in_steep_surfaces() {
+    let floor = crate::scene::analytic::Shape::Plane { normal: Vec3::Z, offset: 0.0 };
+    let scene = AnalyticScene::new([floor]);
+    let (mut volume, camera) = (volume(64), camera(64, 48));
+    let pose = look_at(Vec3::new(0.9, 0.0, 0.4), Vec3::new(0.0, 0.05, 0.0));
+    let view = View::perspective(camera, pose);
+    volume.integrate(&render(&scene, &view), &view).unwrap();
+    let (truth, out) = (scene.render(&view), cast(&volume, &view));
+    let (voxel_m, mut steep) = (volume.voxel_m(), 0);
+    // a voxel is three pixels, and cells of the border lack corners
+    for y in 8..40 {
+        for x in 8..56 {
+            let (depth, found) = (truth.depth_m[(x, y)], out.depth_m[(x, y)]);
+            let towards = view.towards_eye(glam::Vec2::new(x as f32, y as f32));
+            let cosine = view.world_from_view_f32().transform_vector3(towards).z;
+            // up to 74 degrees: beyond, pixels of one surface differ by as much as edges
+            if cosine < 0.28 || depth == 0.0 || depth > 1.2 {
+                continue;
+            }
+            // Depth over a plane at slope t has the second derivative 2 t^2 / depth: chords of pixels and voxels.
+            let slope_sq = 1.0 / (cosine * cosine) - 1.0;
+            let spacing_sq = (depth / camera.fx).powi(2) + voxel_m.powi(2);
+            let bound_m = spacing_sq / 8.0 * 2.0 * slope_sq / depth + 0.02 * voxel_m;
+            // by nearest pixels it would be half a pixel times the slope, up to a voxel
+            assert!((found - depth).abs() < bound_m, "({x},{y}): {found} {depth} +- {bound_m}");
+            steep += usize::from(cosine < 0.5);
+        }
+    }
+    assert!(steep > 300, "{steep}");
+}
+
+#[test]
 fn nothing_is_seen_from_behind() {
     // A wall seen from its front, cast from its back: no front face.
     let wall = AnalyticScene::new([crate::scene::analytic::Shape::Plane {

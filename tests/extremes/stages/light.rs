@@ -140,8 +140,9 @@ fn stripes(on: Device, params: &LightParams) -> Outcome {
     let [a, b] = [&even, &striped].map(|e| e.light.dominant_direction());
     let (Some(a), Some(b)) = (a, b) else { return Err("no direction".into()) };
     let angle = f64::from(a.angle_between(b).to_degrees());
-    // stripes are not fully independent of the normals that they are painted on: measured 1.9 with the plain solver
-    Ok(Found::new(angle, 3.0, "degrees that stripes turn the light by"))
+    // stripes are not fully independent of the normals that they are painted on: measured 0.84 with the plain solver,
+    // 0.95 with the default
+    Ok(Found::new(angle, 2.0, "degrees that stripes turn the light by"))
 }
 
 fn no_light(on: Device) -> Outcome {

@@ -148,8 +148,8 @@ struct Open {
 }
 
 /// Where open motions are pure rotations or pure translations, the step's part in them is rounding of f32 normals
-/// and points, of the share of the smallest eigenvalue that counts: measured 2e-6 and less.
-const PURE: f64 = 2e-5;
+/// and points, 6e-8, over the root of the smallest eigenvalue's share that counts, 2e-4.
+const PURE: f64 = 5e-6;
 
 fn wall() -> Open {
     let normal = Vec3::new(0.36, 0.48, -0.8);
