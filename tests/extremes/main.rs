@@ -5,7 +5,6 @@
 
 mod checks;
 mod frames;
-mod known;
 mod models;
 mod runs;
 mod table;

@@ -73,12 +73,12 @@ mod tests {
 
     const STEP: u64 = 33_333;
 
-    fn run(jump_at: u64, by_us: i64) -> (Vec<f64>, Vec<f64>, usize) {
+    fn run(began_us: i64, jump_at: u64, by_us: i64) -> (Vec<f64>, Vec<f64>, usize) {
         let mut clock = DeviceClock::new(STEP as f64 / 1e6);
         let (mut depth, mut color, mut jumps) = (Vec::new(), Vec::new(), 0);
         for k in 0..20 {
             let off = if k >= jump_at { by_us } else { 0 };
-            let raw = (10_000_000 + (k * STEP) as i64 + off) as u64;
+            let raw = (began_us + (k * STEP) as i64 + off) as u64;
             let real = Some(Duration::from_micros(STEP));
             let (d, c) = (clock.tick(0, raw, real), clock.tick(1, raw + 1000, real));
             jumps += usize::from(d.jump_s.is_some());
@@ -94,19 +94,23 @@ mod tests {
 
     #[test]
     fn without_a_jump_times_are_the_devices() {
-        let (depth, _, jumps) = run(99, 0);
+        let (depth, _, jumps) = run(10_000_000, 99, 0);
         assert_eq!((depth[0], depth[1], jumps), (10.0, 10_033_333.0 / 1e6, 0));
     }
 
     #[test]
     fn a_jump_either_way_changes_neither_steps_nor_the_difference_of_the_streams() {
         for by_us in [-9_000_000, -50_000, 5_000_000, 4_000_000_000] {
-            let (depth, color, jumps) = run(7, by_us);
-            assert_eq!(jumps, 1, "{by_us}");
-            for (k, d) in depth.iter().enumerate() {
-                let expected = 10.0 + k as f64 * STEP as f64 * 1e-6;
-                assert!((d - expected).abs() < 1e-6, "frame {k}: {d}");
-                assert!((color[k] - d - 0.001).abs() < 1e-9, "frame {k}: {}", color[k]);
+            // a device that is on for a year counts 3e13
+            for began_us in [10_000_000, 31_536_000_000_000] {
+                let (depth, color, jumps) = run(began_us, 7, by_us);
+                assert_eq!(jumps, 1, "{by_us}");
+                for (k, d) in depth.iter().enumerate() {
+                    let expected = began_us as f64 / 1e6 + k as f64 * STEP as f64 * 1e-6;
+                    assert!((d - expected).abs() < 1e-6, "frame {k}: {d}");
+                    // f64 has steps of 4e-9 s after a year
+                    assert!((color[k] - d - 0.001).abs() < 1e-8, "frame {k}: {}", color[k]);
+                }
             }
         }
     }
