@@ -1,9 +1,10 @@
 //! What each fuzz target does with its bytes. The targets in `fuzz/` call these bodies; so does a test,
 //! with the files of `fuzz/corpus/`, on any machine.
 //!
-//! A body hands the bytes to one reader as they would come from a file, and panics where something holds
-//! of the result that must not. It says whether the reader took them.
+//! A body hands the bytes to one reader as they would come from a file (`frames`: to the pipeline, as pictures), and
+//! panics where something holds of the result that must not. It says whether the reader took them.
 
+mod frames;
 mod records;
 mod scene;
 mod settings;
@@ -24,8 +25,8 @@ pub struct Target {
     pub body: fn(&[u8], &Scratch) -> bool,
 }
 
-/// One a reader. The command line has a target of its own, in the program.
-pub const TARGETS: [Target; 10] = [
+/// One a reader, and one for the pipeline. The command line has a target of its own, in the program.
+pub const TARGETS: [Target; 11] = [
     Target { name: "lists", body: crate::capture::fuzzing::lists },
     Target { name: "poses", body: crate::capture::fuzzing::poses },
     Target { name: "pictures", body: crate::capture::fuzzing::pictures },
@@ -36,6 +37,7 @@ pub const TARGETS: [Target; 10] = [
     Target { name: "gltf", body: scene::gltf },
     Target { name: "records", body: records::records },
     Target { name: "calibrate", body: records::calibrate },
+    Target { name: "frames", body: frames::frames },
 ];
 
 /// A folder for readers that want files; best in memory.

@@ -29,10 +29,30 @@ fn all() -> Vec<Seed> {
     scene_seeds(&mut add);
     gltf_seeds(&mut add);
     record_seeds(&mut add);
+    frame_seeds(&mut add);
     seeds
 }
 
 type Add<'a> = dyn FnMut(&'static str, &str, &[u8]) + 'a;
+
+/// Width, height, lens, choices, three poses of two bytes, and pixels; see `frames`.
+fn frame_seeds(add: &mut Add) {
+    let wall = [60, 60, 61, 62, 64, 70, 58, 90, 120, 200];
+    for (name, choices) in
+        [("recorded", 0), ("tracked", 2), ("ray-traced", 8 | 4), ("rgb", 16 | 32)]
+    {
+        let header = [39, 31, 26, choices, 0, 0, 1, 255, 2, 1];
+        add("frames", name, &[&header[..], &wall[..]].concat());
+    }
+    let bits = [1.0f32, 0.0, f32::NAN, f32::INFINITY, -1.0, 1e-40, 3e38, 0.7].map(f32::to_le_bytes);
+    add(
+        "frames",
+        "any-depth",
+        &[&[35, 30, 30, 1, 0, 0, 0, 0, 0, 0][..], &bits.concat()[..]].concat(),
+    );
+    add("frames", "one-pixel", &[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 50]);
+    add("frames", "cut", &[9, 9, 9]);
+}
 
 const POSE: &str = "0.0 1 2 3 0 0 0 1\n0.05 1 2 3.1 0 0.0998334 0 0.9950042\n";
 const MATRIX: &str = "1 0 0 0.5\n0 1 0 0\n0 0 1 -2e-1\n0 0 0 1\n";
