@@ -46,7 +46,7 @@ echo "== documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features "$features"
 echo "== tests, with the GPU backend"
 # a machine without a Vulkan device or without OpenNI2 fails here instead of skipping; the extremes on a software
-# GPU take half an hour (cargo test --test extremes)
+# GPU take an hour (cargo test --test extremes)
 KINLIGHT_EXTREMES=${KINLIGHT_EXTREMES:-cpu} KINLIGHT_REQUIRE_GPU=1 KINLIGHT_REQUIRE_OPENNI=1 cargo test --locked --features "$features" "$@"
 echo "== tests, without it"
 cargo test --locked --no-default-features "${without_gpu[@]}" --lib --bins "$@"
