@@ -123,12 +123,13 @@ fn standing_still(mode: PoseMode) -> Vec<FrameOutcome> {
         .collect()
 }
 
+fn strength(outcome: &FrameOutcome) -> f64 {
+    outcome.light.light.luminance().iter().map(|c| f64::from(c * c)).sum::<f64>().sqrt()
+}
+
 /// How far the light of the frames after the first hundred is from that of the hundredth: degrees,
 /// and the relative change of its strength.
 fn drift_of_light(outcomes: &[FrameOutcome]) -> (f64, f64) {
-    let strength = |o: &FrameOutcome| {
-        o.light.light.luminance().iter().map(|c| f64::from(c * c)).sum::<f64>().sqrt()
-    };
     let settled = &outcomes[99];
     let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
     let angles =
@@ -142,14 +143,19 @@ fn the_same_frame_three_hundred_times_gives_a_light_that_does_not_drift() {
     let fixed = standing_still(PoseMode::Static);
     let (angle, gain) = drift_of_light(&fixed);
     eprintln!("fixed: {angle} degrees, {gain}");
-    let turned =
-        |from: usize, to: usize| angle_deg(direction(&fixed[from]), direction(&fixed[to])).unwrap();
-    let hundreds = [turned(0, 99), turned(99, 199), turned(199, 299)];
+    let moved = |from: usize, to: usize| {
+        let (from, to) = (&fixed[from], &fixed[to]);
+        [angle_deg(direction(from), direction(to)).unwrap(), (strength(to) - strength(from)).abs()]
+    };
+    let hundreds = [moved(0, 99), moved(99, 199), moved(199, 299)];
     eprintln!("in each hundred frames: {hundreds:?}");
-    // The lamp is held by what is remembered and still goes up its valley, ever more slowly: this is where it
-    // ends, not a drift.
-    assert!(angle < 0.4 && gain < 1e-3, "{angle} {gain}");
-    assert!(hundreds[2] < 0.7 * hundreds[1] && hundreds[1] < 0.7 * hundreds[0], "{hundreds:?}");
+    // The lamp is held by what is remembered and goes up its valley ever more slowly. It ends: 900 frames give
+    // 0.405 degrees and 0.15 % from the hundredth on, and from the 800th on the same light to the last bit.
+    assert!(angle < 0.5 && gain < 2e-3, "{angle} {gain}");
+    for (before, after) in hundreds.iter().zip(&hundreds[1..]) {
+        // Measured: 0.07 and 0.28 of the degrees, 0.02 and 0.36 of the strength.
+        assert!(after[0] < 0.5 * before[0] && after[1] < 0.5 * before[1], "{hundreds:?}");
+    }
 
     let tracked = standing_still(PoseMode::Track);
     assert!(tracked[1..].iter().all(|o| o.tracking.state == TrackingState::Tracking));
@@ -157,10 +163,10 @@ fn the_same_frame_three_hundred_times_gives_a_light_that_does_not_drift() {
     let last = first.inverse() * tracked[299].tracking.world_from_camera;
     let (angle, gain) = drift_of_light(&tracked);
     eprintln!("tracked: {angle} degrees, {gain}, {} m", last.translation.vector.norm());
-    // The pose creeps (measured: 1.8 mm in 300 frames, with voxels of 31 mm), and the map with it; the light,
-    // which nothing holds but the frames that it remembers, follows by 2.2 degrees and 2.8 %.
+    // The pose creeps (measured: 1.9 mm in 300 frames, with voxels of 31 mm), and the map with it; the light,
+    // which nothing holds but the frames that it remembers, follows by 0.9 degrees and 2.1 %.
     assert!(last.translation.vector.norm() < 3e-3, "{last}");
-    assert!(angle < 3.0 && gain < 0.04, "{angle} {gain}");
+    assert!(angle < 2.0 && gain < 0.04, "{angle} {gain}");
 }
 
 #[test]
