@@ -44,12 +44,17 @@ cargo clippy --locked --workspace --all-targets --features "$features" -- -D war
 cargo clippy --locked --all-targets --no-default-features -- -D warnings
 echo "== documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features "$features"
+# Jobs in the background of a script are started to ignore Ctrl-C, and the program respects that; tests send it one.
+run_tests() {
+  env --default-signal=INT cargo test --locked "$@"
+}
+
 echo "== tests, with the GPU backend"
 # a machine without a Vulkan device or without OpenNI2 fails here instead of skipping; the extremes on a software
 # GPU take an hour (cargo test --test extremes)
-KINLIGHT_EXTREMES=${KINLIGHT_EXTREMES:-cpu} KINLIGHT_REQUIRE_GPU=1 KINLIGHT_REQUIRE_OPENNI=1 cargo test --locked --features "$features" "$@"
+KINLIGHT_EXTREMES=${KINLIGHT_EXTREMES:-cpu} KINLIGHT_REQUIRE_GPU=1 KINLIGHT_REQUIRE_OPENNI=1 run_tests --features "$features" "$@"
 echo "== tests, without it"
-cargo test --locked --no-default-features "${without_gpu[@]}" --lib --bins "$@"
+run_tests --no-default-features "${without_gpu[@]}" --lib --bins "$@"
 if [ "${KINLIGHT_ALL:-}" = 1 ]; then
   echo "== the kernel's virtual camera, in an emulated machine"
   tests/vivid/run.sh --install

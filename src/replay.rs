@@ -4,14 +4,17 @@ use crate::budget::Governor;
 use crate::capture::live::LiveSummary;
 use crate::capture::{CaptureError, FrameSource, RawFrame, SkippedFrame};
 use crate::eval::light::LightTruth;
-use crate::eval::trajectory::{self, MATCH_TOLERANCE_S, TimedPose};
-use crate::math::{Distribution, Pose};
+use crate::eval::trajectory;
+use crate::math::Distribution;
 use crate::output::{OutputError, RunWriter};
 use crate::pipeline::{Backend, BackendRecord, FrameOutcome, PipelineError};
 use crate::stop::{Stop, Stopped};
 use crate::timing::{Stage, StageTimes};
+use poses::{FramePoses, RunPoses};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
+
+mod poses;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
@@ -48,6 +51,7 @@ pub struct ReplaySummary {
     /// Share of frames that were tracked well enough to be fused.
     pub tracked_share: f64,
     /// Against the poses of the recording, where it has them; ATE after rigid alignment.
+    /// Of a camera that a recording plays: over at most 4096 frames, evenly over the run.
     pub absolute_error: Option<trajectory::AbsoluteError>,
     pub relative_error: Option<trajectory::RelativeError>,
     /// Against the recording's light.json, where it has one.
@@ -69,15 +73,12 @@ pub struct LightErrors {
 }
 
 /// Counts and errors, gathered while frames go by.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Tally {
     frames: usize,
     fused: usize,
     states: BTreeMap<String, usize>,
-    /// Whether there are, or may come, poses to compare with: a camera has none, and runs for hours.
-    comparable: bool,
-    estimated: Vec<TimedPose>,
-    recorded: Vec<TimedPose>,
+    poses: RunPoses,
     angles_deg: Distribution,
     relative_l2: Distribution,
     volume_bytes: usize,
@@ -97,7 +98,7 @@ pub fn replay(
     stop: &Stop,
     on_frame: &mut dyn FnMut(&FrameOutcome),
 ) -> Result<ReplaySummary, ReplayError> {
-    let mut tally = Tally { comparable: source.len().is_some(), ..Tally::default() };
+    let mut tally = Tally::new(source.len().is_none());
     let ended = every_frame(source, pipeline, writer, governor, stop, &mut |outcome| {
         tally.add(outcome, truth);
         on_frame(outcome);
@@ -169,18 +170,29 @@ fn next_frame(source: &mut dyn FrameSource) -> Result<Option<(RawFrame, StageTim
 }
 
 impl Tally {
+    /// `endless`: nobody knows for how long it will go on.
+    fn new(endless: bool) -> Self {
+        Self {
+            frames: 0,
+            fused: 0,
+            states: BTreeMap::new(),
+            poses: RunPoses::new(endless),
+            angles_deg: Distribution::new(),
+            relative_l2: Distribution::new(),
+            volume_bytes: 0,
+        }
+    }
+
     fn add(&mut self, outcome: &FrameOutcome, truth: Option<&LightTruth>) {
         self.frames += 1;
         self.fused += usize::from(outcome.tracking.may_fuse());
         *self.states.entry(format!("{:?}", outcome.tracking.state)).or_default() += 1;
         self.volume_bytes = self.volume_bytes.max(outcome.volume_bytes);
-        let timed =
-            |pose: Pose| TimedPose { timestamp_s: outcome.timestamp_s, world_from_camera: pose };
-        self.comparable |= outcome.recorded_pose.is_some();
-        if outcome.composed && self.comparable {
-            self.estimated.push(timed(outcome.tracking.world_from_camera));
-        }
-        self.recorded.extend(outcome.recorded_pose.map(timed));
+        self.poses.push(FramePoses {
+            timestamp_s: outcome.timestamp_s,
+            estimated: outcome.composed.then_some(outcome.tracking.world_from_camera),
+            recorded: outcome.recorded_pose,
+        });
         if !outcome.light.valid() {
             return;
         }
@@ -198,10 +210,7 @@ impl Tally {
         backend: BackendRecord,
         interrupted: bool,
     ) -> ReplaySummary {
-        let (estimated, recorded) = (&self.estimated, &self.recorded);
-        // Too few poses for an error are no error.
-        let absolute = trajectory::absolute_error(estimated, recorded, MATCH_TOLERANCE_S).ok();
-        let relative = trajectory::relative_error(estimated, recorded, MATCH_TOLERANCE_S, 1).ok();
+        let (absolute_error, relative_error) = self.poses.errors();
         let light_error = self.light_errors();
         ReplaySummary {
             frames: self.frames,
@@ -210,8 +219,8 @@ impl Tally {
             live: source.live(),
             tracked_share: self.fused as f64 / self.frames as f64,
             states: self.states,
-            absolute_error: absolute,
-            relative_error: relative,
+            absolute_error,
+            relative_error,
             light_error,
             volume_bytes: self.volume_bytes,
             backend,

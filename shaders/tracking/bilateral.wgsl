@@ -1,4 +1,4 @@
-// Bilateral filter of the depth picture (Newcombe et al. 2011, Eq. 2).
+// Bilateral filter of the depth picture (Newcombe et al. 2011, Eq. 2), of inverse depth as on the CPU: exact on planes.
 // Constants: RADIUS, in pixels; GROUP, pixels a side of a workgroup; TILED, whether what it looks at fits
 // its memory.
 
@@ -25,13 +25,14 @@ const TILE = GROUP + 2u * RADIUS;
 
 var<workgroup> tile: array<f32, select(1u, TILE * TILE, TILED)>;
 
+// Inverse depth, 0 where there is none.
 fn picture(pixel: vec2i) -> f32 {
     if any(pixel < vec2i(0)) || any(pixel >= vec2i(params.size)) {
         return 0.0;
     }
     let bits = depth_bits[u32(pixel.y) * params.size.x + u32(pixel.x)];
     let is_usable = bits >= params.min_bits && bits < params.end_bits;
-    return bitcast<f32>(select(0u, bits, is_usable));
+    return select(0.0, 1.0 / bitcast<f32>(bits), is_usable);
 }
 
 // What the workgroup's pixels and their surroundings show.
@@ -41,7 +42,7 @@ fn load_tile(group: vec2u, local: u32) {
     }
 }
 
-// Depth at a tap of the window around a pixel.
+// Inverse depth at a tap of the window around a pixel.
 fn tap(pixel: vec2u, local: vec2u, column: u32, row: u32) -> f32 {
     if TILED {
         return tile[(local.y + row) * TILE + local.x + column];
@@ -51,23 +52,25 @@ fn tap(pixel: vec2u, local: vec2u, column: u32, row: u32) -> f32 {
 
 // The range weight exp(-t) is taken as max(0, 1 - t/8)^8, as on the CPU: exactly zero beyond four
 // standard deviations.
-fn filtered(pixel: vec2u, local: vec2u, centre_m: f32) -> f32 {
+fn filtered_depth_m(pixel: vec2u, local: vec2u, centre: f32) -> f32 {
+    // of inverse depth: a metre at this depth is 1 / z^2
+    let scale = params.range_scale / (centre * centre * (centre * centre));
     var offset = 0.0;
     var weight = 0.0;
     for (var row = 0u; row < SIDE; row++) {
         for (var column = 0u; column < SIDE; column++) {
-            let depth_m = tap(pixel, local, column, row);
-            let difference = depth_m - centre_m;
-            let t = max(1.0 - difference * difference * params.range_scale, 0.0);
+            let inverse = tap(pixel, local, column, row);
+            let difference = inverse - centre;
+            let t = max(1.0 - difference * difference * scale, 0.0);
             let t2 = t * t;
             let t4 = t2 * t2;
-            let w = select(0.0, spatial[row * SIDE + column] * (t4 * t4), depth_m > 0.0);
+            let w = select(0.0, spatial[row * SIDE + column] * (t4 * t4), inverse > 0.0);
             offset += w * difference;
             weight += w;
         }
     }
     // the centre's own weight is 1
-    return centre_m + offset / weight;
+    return 1.0 / (centre + offset / weight);
 }
 
 @compute @workgroup_size(GROUP, GROUP)
@@ -82,10 +85,10 @@ fn main(
         workgroupBarrier();
     }
     if all(id.xy < params.size) {
-        let centre_m = tap(id.xy, local.xy, RADIUS, RADIUS);
+        let centre = tap(id.xy, local.xy, RADIUS, RADIUS);
         var out_m = 0.0;
-        if centre_m > 0.0 {
-            out_m = filtered(id.xy, local.xy, centre_m);
+        if centre > 0.0 {
+            out_m = filtered_depth_m(id.xy, local.xy, centre);
         }
         filtered_m[id.y * params.size.x + id.x] = out_m;
     }

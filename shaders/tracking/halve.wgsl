@@ -1,4 +1,5 @@
-// The next coarser level: averages those of each 2x2 pixels that are within an edge of the nearest of them.
+// The next coarser level: the mean inverse depth of those of each 2x2 pixels that are within an edge of the nearest of
+// them, which is exact on planes.
 
 struct HalveUniform {
     // of the coarse level
@@ -27,8 +28,8 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
     var count = 0.0;
     for (var i = 0; i < 4; i++) {
         let is_same = block[i] > 0.0 && block[i] - nearest < params.edge_m;
-        sum += select(0.0, block[i], is_same);
+        sum += select(0.0, 1.0 / block[i], is_same);
         count += f32(is_same);
     }
-    coarse_m[id.y * params.size.x + id.x] = sum / max(count, 1.0);
+    coarse_m[id.y * params.size.x + id.x] = select(0.0, count / sum, count > 0.0);
 }

@@ -21,7 +21,8 @@ pub(crate) struct Level {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Pyramid {
-    raw_m: PaddedDepth,
+    /// 1/m, 0 where depth is missing.
+    inverse_depth: PaddedDepth,
     filter: Bilateral,
     edge_m: f32,
     /// Finest first.
@@ -75,7 +76,7 @@ impl Pyramid {
         let filter = Bilateral::new(params);
         let levels = level_cameras(params, camera).map(Level::new).collect();
         Self {
-            raw_m: PaddedDepth::new(camera.size(), filter.margin()),
+            inverse_depth: PaddedDepth::new(camera.size(), filter.margin()),
             filter,
             edge_m: edge_m(params),
             levels,
@@ -86,20 +87,20 @@ impl Pyramid {
     /// have depth.
     pub fn update(&mut self, depth_m: &Image<f32>) -> f32 {
         let valid: usize = self
-            .raw_m
+            .inverse_depth
             .par_rows_mut()
             .map(|(y, row)| {
                 let mut valid = 0;
                 for (out, &depth) in row.iter_mut().zip(depth_m.row(y)) {
                     let usable = DEPTH_RANGE_M.contains(&depth);
-                    *out = if usable { depth } else { 0.0 };
+                    *out = if usable { 1.0 / depth } else { 0.0 };
                     valid += usize::from(usable);
                 }
                 valid
             })
             .sum();
         if let Some(finest) = self.levels.first_mut() {
-            self.filter.apply(&self.raw_m, &mut finest.depth_m);
+            self.filter.apply(&self.inverse_depth, &mut finest.depth_m);
         }
         for level in 1..self.levels.len() {
             let (fine, coarse) = self.levels.split_at_mut(level);
@@ -108,11 +109,11 @@ impl Pyramid {
         for level in &mut self.levels {
             level.update_normals(self.edge_m);
         }
-        valid as f32 / self.raw_m.size().pixels().max(1) as f32
+        valid as f32 / self.inverse_depth.size().pixels().max(1) as f32
     }
 }
 
-/// Averages those of each 2x2 pixels that are within `edge_m` of the nearest of them.
+/// The mean inverse depth of those of each 2x2 pixels that are within `edge_m` of the nearest of them: exact on planes.
 fn halve(fine: &PaddedDepth, coarse: &mut PaddedDepth, edge_m: f32) {
     let width = coarse.size().width;
     coarse.par_rows_mut().for_each(|(y, row)| {
@@ -126,10 +127,10 @@ fn halve(fine: &PaddedDepth, coarse: &mut PaddedDepth, edge_m: f32) {
             let (mut sum, mut count) = (0.0, 0.0);
             for d in block {
                 let same = d > 0.0 && d - nearest < edge_m;
-                sum += if same { d } else { 0.0 };
+                sum += if same { 1.0 / d } else { 0.0 };
                 count += if same { 1.0f32 } else { 0.0 };
             }
-            *out = sum / count.max(1.0);
+            *out = if count > 0.0 { count / sum } else { 0.0 };
         }
     });
 }
@@ -221,6 +222,30 @@ mod tests {
     fn normal(level: &Level, x: usize, y: usize) -> Vec3 {
         let rows = level.normal_rows(y);
         Vec3::new(rows[0][x], rows[1][x], rows[2][x])
+    }
+
+    #[test]
+    fn planes_stay_planes_at_every_level() {
+        let mut pyramid = unfiltered(camera());
+        let inverse = |camera: &Pinhole, x: usize, y: usize| {
+            let (u, v) = ((x as f32 - camera.cx) / camera.fx, (y as f32 - camera.cy) / camera.fy);
+            0.5 + 0.3 * u - 0.4 * v
+        };
+        let mut depth = Image::new(camera().size(), 0.0);
+        for y in 0..camera().height {
+            for x in 0..camera().width {
+                depth[(x, y)] = 1.0 / inverse(&camera(), x, y);
+            }
+        }
+        pyramid.update(&depth);
+        assert_eq!(pyramid.levels.len(), 3);
+        for level in &pyramid.levels {
+            for (x, y) in [(0, 0), (3, 5), (level.camera.width - 1, level.camera.height - 1)] {
+                let (got, want) = (level.depth_m.row(y)[x], 1.0 / inverse(&level.camera, x, y));
+                // a few roundings a level
+                assert!((got / want - 1.0).abs() < 2e-6, "({x},{y}): {got} for {want}");
+            }
+        }
     }
 
     #[test]
