@@ -44,9 +44,9 @@ cargo clippy --locked --workspace --all-targets --features "$features" -- -D war
 cargo clippy --locked --all-targets --no-default-features -- -D warnings
 echo "== documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features "$features"
-# Jobs in the background of a script are started to ignore Ctrl-C, and the program respects that; tests send it one.
+# Under nohup and in the background of scripts signals are ignored, which the program respects; tests send it some.
 run_tests() {
-  env --default-signal=INT cargo test --locked "$@"
+  env --default-signal=HUP,INT,TERM cargo test --locked "$@"
 }
 
 echo "== tests, with the GPU backend"
