@@ -23,17 +23,16 @@ LLVM_PROFILE_FILE=$work/%4m.profraw cargo test --locked --no-fail-fast "$@"
 
 rm -f "$work/build.profraw"
 "$llvm/llvm-profdata" merge -sparse "$work"/*.profraw -o "$work/all.profdata"
-objects=()
-while read -r program; do objects+=(-object "$program"); done < <(
-  sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' "$work/built.json" | sort -u
-)
+mapfile -t programs < <(sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' "$work/built.json" | sort -u)
+objects=("${programs[0]}")
+for program in "${programs[@]:1}"; do objects+=(-object "$program"); done
 "$llvm/llvm-cov" export -format=lcov "${objects[@]}" -instr-profile="$work/all.profdata" src >"$work/lines.info"
 awk -F '[:,]' '
   # files of tests, and what follows `#[cfg(test)]` before a module at the end of others
   /^SF:/ {
     file = $2
     sub(/.*\/src\//, "src/", file)
-    end = file ~ /(\/tests\/|_tests?\.rs$|\/tests\.rs$|/test_(data|log|support)|made_sequences)/ ? 0 : 1e9
+    end = file ~ /(\/tests\/|_tests?\.rs$|\/tests\.rs$|\/test_(data|log|support)|made_sequences)/ ? 0 : 1e9
     for (number = 1; end == 1e9 && (getline text < $2) > 0; number++) {
       if (before == "#[cfg(test)]" && text ~ /^(pub(\([a-z]*\))? )?mod [a-z_]* \{/) end = number
       before = text
