@@ -178,21 +178,15 @@ mod tests {
     #[test]
     fn planes_stay_where_they_are() {
         let params = TrackingParams::default();
-        // a floor 1.1 m below a camera of 67 pixels that looks 30 degrees down: 1 to 6 m away
-        let floor = |_: usize, y: usize| {
-            let up = (y as f32 - 21.0) / 55.0;
-            1.1 / (0.5 + 0.866 * up).max(0.1)
-        };
+        // a floor 1.1 m below a camera of 67 pixels that looks 30 degrees down: 1.3 to 6.5 m away
+        let floor = |_: usize, y: usize| 1.1 / (0.5 + 0.866 * (y as f32 - 21.0) / 55.0);
         let out = filtered(&params, floor);
-        let inside = params.filter_radius..SIZE.height - params.filter_radius;
-        let mut tested = 0;
-        for y in inside.filter(|&y| floor(0, y - params.filter_radius) < 10.9) {
+        // where the window is whole
+        for y in params.filter_radius..SIZE.height - params.filter_radius {
             let (got, want) = (out.row(y)[30], floor(30, y));
             // 49 terms in f32, each rounded to 2^-24 of 1/z: 49 2^-24 at most
             assert!((got / want - 1.0).abs() < 3e-6, "row {y}: {got} for {want}");
-            tested += 1;
         }
-        assert!(tested > 30, "{tested}");
     }
 
     #[test]
